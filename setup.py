@@ -1,0 +1,56 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Packaging for colcon (ament_python) and for pip."""
+
+from pathlib import Path
+import sys
+
+from setuptools import find_packages, setup
+
+package_name = 'tetra_ros2'
+share = f'share/{package_name}'
+
+# `ros2 run tetra_ros2 X` runs lib/tetra_ros2/X, which colcon and the Debian build make of a
+# console script X. A wheel has `tetra X` instead: nobody wants a command `plant` in ~/bin.
+scripts = {'tetra': 'tetra_ros2.cli:main'}
+if not {'bdist_wheel', 'dist_info', 'editable_wheel'}.intersection(sys.argv):
+    scripts.update({
+        name: f'tetra_ros2.cli:{name}'
+        for name in ('agent', 'plant', 'monitor', 'recorder', 'launcher')})
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    description='Intrinsic tetrahedron formation of reduced attitudes over ROS 2',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    maintainer='The tetra_ros2 authors',
+    maintainer_email='maintainers@tetra-ros2.example.org',
+    license='Apache-2.0',
+    packages=find_packages(include=[package_name, f'{package_name}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (share, ['package.xml']),
+        (f'{share}/config', sorted(map(str, Path('config').glob('*.yaml')))),
+        (f'{share}/launch', sorted(map(str, Path('launch').glob('*.launch.py')))),
+    ],
+    python_requires='>=3.10',
+    install_requires=['numpy', 'PyYAML', 'rich', 'setuptools'],
+    extras_require={
+        # For a machine without ROS 2. Whoever has it from apt must not install this.
+        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'record': ['rosbags'],
+        'test': [
+            'hypothesis',
+            'mcap',
+            'mcap-ros2-support',
+            'pytest',
+            'pytest-timeout',
+            'rosbags',
+            'ruff',
+        ],
+    },
+    zip_safe=False,
+    entry_points={'console_scripts': [f'{name} = {target}' for name, target in scripts.items()]},
+)

@@ -1,0 +1,301 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+From a YAML file, or from the values of ROS parameters, to checked objects.
+
+Nothing unchecked gets past this module.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+import re
+
+import numpy as np
+import yaml
+
+from tetra_ros2.formation import gain as gains
+from tetra_ros2.formation import sphere
+from tetra_ros2.formation import topology as topologies
+from tetra_ros2.formation.topology import Topology
+from tetra_ros2.parameters import (
+    check_parameters,
+    ConfigurationError,
+    is_ros_parameter,
+    nearest,
+    PARAMETERS,
+    shown,
+)
+from tetra_ros2.share import share_directory
+
+UNIT_TOLERANCE = 1e-3
+"""How far from 1 the length of a quaternion that a user wrote down may be."""
+
+
+@dataclass(frozen=True, eq=False)
+class Formation:
+    """
+    What all nodes agree on.
+
+    :param topology: who sees whom
+    :param gain: the gain function
+    :param axes: pointing axes b_i in the body frames, unit vectors, ``(n, 3)``
+    """
+
+    topology: Topology
+    gain: gains.Gain
+    axes: np.ndarray
+
+    @classmethod
+    def from_parameters(cls, values):
+        """
+        Build it from checked parameter values.
+
+        :raises ConfigurationError: if values that are right by themselves do not fit together
+        """
+        topology = _topology(values)
+        return cls(topology, gain_from_parameters(values), _axes(values, topology.n))
+
+
+def gain_from_parameters(values):
+    """
+    Return the gain that ``gain.kind``, ``gain.a`` and ``gain.b`` describe.
+
+    :raises ConfigurationError: if it violates the assumption As:SF:f
+    """
+    try:
+        return gains.KINDS[values['gain.kind']](values['gain.a'], values['gain.b'])
+    except ValueError as error:
+        raise ConfigurationError(str(error), key='gain') from error
+
+
+def _topology(values):
+    kind, n, edges = values['topology.kind'], values['topology.n'], values['topology.edges']
+    if edges and kind != 'custom':
+        raise ConfigurationError(
+            f'a {kind} topology has its own edges; say kind: custom to give others',
+            key='topology.edges')
+    if kind == 'complete':
+        return topologies.complete(n)
+    if kind == 'rotating':
+        if n != 4:
+            raise ConfigurationError(
+                f'{n} is not valid, the rotating topology needs 4', key='topology.n')
+        return topologies.rotating(values['topology.k'], values['topology.p'])
+    parsed = []
+    for index, text in enumerate(edges):
+        key = f'topology.edges[{index}]'
+        try:
+            i, j, *weight = text.split()
+            edge = (int(i), int(j), *map(float, weight))
+            if len(weight) > 1:
+                raise ValueError
+        except ValueError:
+            raise ConfigurationError(
+                f'{text!r} is not valid, expected "i j" or "i j weight", such as "1 2 0.5"',
+                key=key) from None
+        parsed.append(edge)
+        try:
+            topologies.custom(n, parsed)
+        except ValueError as error:
+            raise ConfigurationError(f'{text!r} is not valid: {error}', key=key) from None
+    return topologies.custom(n, parsed)
+
+
+def _axes(values, n):
+    axes = np.array(values['pointing_axis'], dtype=float)
+    if len(axes) not in (3, 3 * n):
+        raise ConfigurationError(
+            f'{len(axes)} numbers are not valid, expected 3 for all agents or {3 * n} for '
+            f'{n} agents', key='pointing_axis')
+    axes = axes.reshape(-1, 3)
+    for index, axis in enumerate(axes):
+        try:
+            sphere.normalize(axis)
+        except ValueError as error:
+            raise ConfigurationError(
+                f'{axis.tolist()} of agent {index + 1} is not valid: {error}',
+                key='pointing_axis') from None
+    return np.broadcast_to(sphere.normalize(axes), (n, 3))
+
+
+def initial_attitudes(values, n):
+    """
+    Return the initial attitudes that were given, unit quaternions ``(n, 4)``, or None.
+
+    :raises ConfigurationError: if there are not 4 n numbers, or one is not a unit quaternion
+    """
+    given = np.array(values['initial_attitudes'], dtype=float)
+    if not len(given):
+        return None
+    if len(given) != 4 * n:
+        raise ConfigurationError(
+            f'{len(given)} numbers are not valid, expected {4 * n} for {n} agents',
+            key='initial_attitudes')
+    quaternions = given.reshape(n, 4)
+    lengths = np.linalg.norm(quaternions, axis=1)
+    for index in np.flatnonzero(~(np.abs(lengths - 1.0) <= UNIT_TOLERANCE)):
+        raise ConfigurationError(
+            f'{quaternions[index].tolist()} of agent {index + 1} is not valid, expected a unit '
+            'quaternion x, y, z, w', key='initial_attitudes')
+    return quaternions / lengths[:, None]
+
+
+class ParameterFile:
+    """
+    A checked ROS 2 parameter file.
+
+    :param path: the file
+    :raises ConfigurationError: if it cannot be read, is not a parameter file, has an unknown
+        key, or has a value that is not valid for a node that it applies to
+    """
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self._sections = []
+        try:
+            content = yaml.safe_load(self.path.read_text(encoding='utf-8'))
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, 'strerror', None) or 'not a text file'
+            raise ConfigurationError(f'cannot be read: {reason}', source=self.path) from None
+        except yaml.YAMLError as error:
+            mark = getattr(error, 'problem_mark', None)
+            place = f' in line {mark.line + 1}, column {mark.column + 1}' if mark else ''
+            problem = getattr(error, 'problem', None) or 'not readable'
+            raise ConfigurationError(
+                f'is not YAML: {problem}{place}', source=self.path) from None
+        if not isinstance(content, dict):
+            raise ConfigurationError(
+                'is not a ROS 2 parameter file, expected "/**:" and "ros__parameters:" above '
+                'the parameters', source=self.path)
+        try:
+            self._read(content, '')
+            self._check()
+        except ConfigurationError as error:
+            raise error.at(self.path) from None
+
+    def _read(self, content, prefix):
+        """Collect the sections; namespaces may be written as nested levels."""
+        for name, value in content.items():
+            full = f'{prefix}/{str(name).strip("/")}'
+            if not isinstance(value, dict):
+                raise ConfigurationError(
+                    'expected "ros__parameters:" and the parameters below it', key=full[1:])
+            value = dict(value)
+            if 'ros__parameters' in value:
+                parameters = value.pop('ros__parameters')
+                if not isinstance(parameters, dict):
+                    raise ConfigurationError(
+                        f'expected parameters, not {shown(parameters)}',
+                        key=f'{full[1:]}: ros__parameters')
+                self._sections.append((full, dict(_flatten(parameters))))
+            elif not value:
+                raise ConfigurationError('expected "ros__parameters:" below it', key=full[1:])
+            self._read(value, full)
+
+    def _check(self):
+        """Check every section, and then what comes together at every node."""
+        for pattern, parameters in self._sections:
+            kinds = _kinds(pattern)
+            known = {spec.name: spec for kind in kinds for spec in PARAMETERS[kind]}
+            for key, value in parameters.items():
+                if isinstance(value, list) and len({type(item) for item in value}) > 1:
+                    raise ConfigurationError(
+                        f'{shown(value)} is not valid: ROS 2 wants the elements of a list to '
+                        'be of one type, so write 1.0 beside 0.5', key=key)
+                if kinds and key not in known and not is_ros_parameter(key):
+                    raise ConfigurationError(
+                        f'there is no such parameter{nearest(key, known)}', key=key)
+        n = self.formation().topology.n
+        for i in range(1, n + 1):
+            Formation.from_parameters(self.values('agent', f'/agent_{i}'))
+        initial_attitudes(self.values('plant'), n)
+        self.values('recorder')
+        for pattern, _ in self._sections:
+            match = re.fullmatch(r'agent_(\d+)', pattern.rsplit('/', 1)[-1])
+            if match and not 1 <= int(match[1]) <= n:
+                raise ConfigurationError(
+                    f'there is no agent {match[1]} among {n}', key=pattern[1:])
+
+    def given(self, full_name):
+        """Return the parameters, by name, that the file gives the node ``/namespace/name``."""
+        merged = {}
+        for pattern, parameters in self._sections:
+            if _matches(pattern, full_name):
+                merged.update(parameters)
+        return merged
+
+    def values(self, node, full_name=None):
+        """
+        Return all parameters of a node, checked.
+
+        :param node: one of PARAMETERS
+        :param full_name: ``/namespace/name`` of the node; by default its usual name, in no
+            namespace
+        """
+        specs = {spec.name for spec in PARAMETERS[node]}
+        given = self.given(full_name or f'/{node}')
+        return check_parameters(node, {k: v for k, v in given.items() if k in specs})
+
+    def formation(self):
+        """Return the formation as the monitor is told of it."""
+        return Formation.from_parameters(self.values('monitor'))
+
+
+def _flatten(parameters, prefix=''):
+    """Yield (dotted name, value) for nested parameters."""
+    for name, value in parameters.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f'{prefix}{name}.')
+        else:
+            yield f'{prefix}{name}', value
+
+
+def _matches(pattern, full_name):
+    """Return whether a section's name stands for a node: ``*`` is one token, ``**`` any."""
+    regex = ''
+    for token in pattern.strip('/').split('/'):
+        regex += {'**': '(/[^/]+)*', '*': '/[^/]+'}.get(token, '/' + re.escape(token))
+    return re.fullmatch(regex, full_name) is not None
+
+
+def _kinds(pattern):
+    """
+    Return the kinds of node that a section can be for; none for one of somebody else's nodes.
+
+    :raises ConfigurationError: if it looks like a slip of the pen
+    """
+    name = pattern.rsplit('/', 1)[-1]
+    if name in ('*', '**'):
+        return tuple(PARAMETERS)
+    if re.fullmatch(r'agent_\d+', name):
+        return ('agent',)
+    if name in ('plant', 'monitor', 'recorder'):
+        return (name,)
+    if hint := nearest(name, ('agent_1', 'plant', 'monitor', 'recorder')):
+        raise ConfigurationError(f'there is no such node{hint}', key=pattern[1:])
+    return ()
+
+
+def find_file(name):
+    """
+    Return the path of a configuration file.
+
+    :param name: a path, or the bare name of a file that ships, such as ``rotating``
+    :raises ConfigurationError: if there is none
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    shipped = {file.stem: file for file in sorted((share_directory() / 'config').glob('*.yaml'))}
+    if str(name) in shipped:
+        return shipped[str(name)]
+    problem = 'is a directory' if path.is_dir() else 'there is no such file'
+    raise ConfigurationError(
+        f'{problem}; the names that ship are {", ".join(shipped)}{nearest(name, shipped)}',
+        source=name)
+
+
+def load(name):
+    """Return the checked :class:`ParameterFile` of a path or a shipped name."""
+    return ParameterFile(find_file(name))

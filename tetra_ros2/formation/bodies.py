@@ -1,0 +1,86 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The rigid bodies, in plain floats: the plant's state, its exact step, what each sees."""
+
+import math
+
+RENORMALIZE_BEYOND = 1e-14
+"""How far the squared length of a quaternion may leave 1 by rounding before it is brought back."""
+
+
+class RigidBodies:
+    """
+    Attitudes R_i of n rigid bodies with pointing axes b_i, under angular velocities held constant.
+
+    :param attitudes: unit quaternions x y z w, body to world, n of them
+    :param axes: pointing axes in the body frames, unit vectors (x, y, z), n of them
+    """
+
+    def __init__(self, attitudes, axes):
+        self.attitudes = [tuple(map(float, q)) for q in attitudes]
+        self.axes = tuple(tuple(map(float, b)) for b in axes)
+        self._matrices = [None] * len(self.axes)  # columns of R_i, nine numbers
+        self.reduced = [None] * len(self.axes)  # Gamma_i = R_i b_i
+        for i in range(len(self.axes)):
+            self._refresh(i)
+
+    def step(self, h, rates):
+        """
+        Turn every body for a time ``h`` [s] at a constant rate: ``R_i <- R_i exp(h w_i^)``.
+
+        That is the exact solution of the kinematics, whatever the size of h.
+
+        :param h: the time [s]
+        :param rates: angular velocities w_i (x, y, z) in the body frames [rad/s]
+        """
+        for i, (wx, wy, wz) in enumerate(rates):
+            speed = math.sqrt(wx * wx + wy * wy + wz * wz)
+            if speed == 0.0:
+                continue
+            half = 0.5 * h * speed
+            s = math.sin(half) / speed
+            c = math.cos(half)
+            wx *= s
+            wy *= s
+            wz *= s
+            x, y, z, w = self.attitudes[i]
+            x, y, z, w = (w * wx + x * c + y * wz - z * wy,
+                          w * wy - x * wz + y * c + z * wx,
+                          w * wz + x * wy - y * wx + z * c,
+                          w * c - x * wx - y * wy - z * wz)
+            excess = x * x + y * y + z * z + w * w - 1.0
+            if not -RENORMALIZE_BEYOND < excess < RENORMALIZE_BEYOND:
+                scale = 1.0 - 0.5 * excess
+                x, y, z, w = scale * x, scale * y, scale * z, scale * w
+            self.attitudes[i] = (x, y, z, w)
+            self._refresh(i)
+
+    def _refresh(self, i):
+        """Recompute what follows from the attitude of body i (counted from 0)."""
+        x, y, z, w = self.attitudes[i]
+        x2, y2, z2 = x + x, y + y, z + z
+        xx, yy, zz = x * x2, y * y2, z * z2
+        xy, xz, yz = x * y2, x * z2, y * z2
+        wx, wy, wz = w * x2, w * y2, w * z2
+        m = (1.0 - yy - zz, xy + wz, xz - wy,
+             xy - wz, 1.0 - xx - zz, yz + wx,
+             xz + wy, yz - wx, 1.0 - xx - yy)
+        self._matrices[i] = m
+        bx, by, bz = self.axes[i]
+        self.reduced[i] = (m[0] * bx + m[3] * by + m[6] * bz,
+                           m[1] * bx + m[4] * by + m[7] * bz,
+                           m[2] * bx + m[5] * by + m[8] * bz)
+
+    def seen_by(self, i, others):
+        """
+        Return what body i sees: ``y_ij = R_i^T R_j b_j`` for each j of ``others``.
+
+        :param i: the body that looks, counted from 0
+        :param others: the bodies it looks at, counted from 0
+        :returns: a list of unit vectors (x, y, z) in the frame of body i
+        """
+        a, b, c, d, e, f, g, h, k = self._matrices[i]
+        reduced = self.reduced
+        return [(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + k * z)
+                for x, y, z in [reduced[j] for j in others]]

@@ -1,0 +1,37 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a value from outside must be before the law or the plant may use it."""
+
+import math
+
+UNIT_TOLERANCE = 1e-3
+"""How far from 1 the length of a measured direction may be."""
+
+_SHORTEST, _LONGEST = (1.0 - UNIT_TOLERANCE) ** 2, (1.0 + UNIT_TOLERANCE) ** 2
+
+
+class Rejected(Exception):
+    """A message that must not be used; its text is one of a few constant reasons, to count by."""
+
+    MALFORMED = 'malformed'
+    WRONG_FRAME = 'wrong frame'
+    OLD_STAMP = 'old stamp'
+    NOT_FINITE = 'not finite'
+    NOT_UNIT = 'not a unit vector'
+    TOO_FAST = 'faster than max_angular_velocity'
+
+
+def require_unit(x, y, z):
+    """Raise Rejected unless (x, y, z) is a unit vector, to within UNIT_TOLERANCE."""
+    # A NaN makes every comparison false, so that one test on the good path sees all there is.
+    if not _SHORTEST <= x * x + y * y + z * z <= _LONGEST:
+        finite = all(map(math.isfinite, (x, y, z)))
+        raise Rejected(Rejected.NOT_UNIT if finite else Rejected.NOT_FINITE)
+
+
+def require_rate(x, y, z, limit):
+    """Raise Rejected unless (x, y, z) [rad/s] is finite and not longer than ``limit``."""
+    if not x * x + y * y + z * z <= limit * limit:
+        finite = all(map(math.isfinite, (x, y, z)))
+        raise Rejected(Rejected.TOO_FAST if finite else Rejected.NOT_FINITE)

@@ -1,0 +1,100 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One agent, in plain floats: what it does with what it sees."""
+
+import math
+
+from tetra_ros2.formation.checks import Rejected, require_unit
+
+NEVER = -math.inf
+
+
+class Controller:
+    """
+    The control law of one agent, and the bookkeeping of the measurements that it needs.
+
+    Measurements arrive one neighbour at a time. A *round* is one measurement of every neighbour,
+    all of one stamp; the law answers a round as soon as it is complete, and again whenever it has
+    been sent once more. All that this class knows is the agent's own axis, how much each
+    neighbour counts, and what was seen of them, in the agent's body frame.
+
+    :param axis: the agent's pointing axis b_i in its body frame, a unit vector (x, y, z)
+    :param weights: W(i, j) for each neighbour; a neighbour's index here is its *slot* below
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`; may be replaced at any time
+    """
+
+    def __init__(self, axis, weights, gain):
+        self.axis = tuple(axis)
+        self.weights = tuple(weights)
+        self.gain = gain
+        self.stamp = 0  # of the newest measurement seen [ns]
+        self.heard_at = [NEVER] * len(self.weights)
+        self._seen = [None] * len(self.weights)
+        self._stamps = [0] * len(self.weights)
+        self._all = (1 << len(self.weights)) - 1
+        self._missing = self._all  # the slots from which the round still waits, one bit each
+
+    def receive(self, slot, stamp, seen, now):
+        """
+        Take a measurement; return the angular velocity if it completes a round, otherwise None.
+
+        :param slot: which neighbour was measured
+        :param stamp: when it was measured [ns]
+        :param seen: the neighbour's pointing axis y_ij in this agent's body frame (x, y, z)
+        :param now: when it was received, on any clock that never goes back [s]
+        :returns: the command (x, y, z) [rad/s] in the body frame, for the time ``self.stamp``
+        :raises Rejected: if it is older than one already used, not finite or not a unit vector;
+            nothing has changed then
+        """
+        require_unit(*seen)
+        if stamp < self._stamps[slot]:
+            raise Rejected(Rejected.OLD_STAMP)
+        self._seen[slot] = seen
+        self._stamps[slot] = stamp
+        self.heard_at[slot] = now
+        if stamp != self.stamp:
+            if stamp < self.stamp:
+                return None  # late: the others are already in a newer round
+            self.stamp = stamp
+            self._missing = self._all
+        self._missing &= ~(1 << slot)
+        if self._missing:
+            return None
+        self._missing = self._all
+        return self.angular_velocity()
+
+    def angular_velocity(self):
+        """
+        Return ``-sum_j W(i, j) f(theta_ij) b_i x y_ij`` [rad/s] in the body frame; eq:RF:Control.
+
+        It takes the newest measurement of each neighbour, all of which must have been seen.
+        """
+        bx, by, bz = self.axis
+        f = self.gain.f
+        wx = wy = wz = 0.0
+        for weight, (x, y, z) in zip(self.weights, self._seen):
+            cx = by * z - bz * y
+            cy = bz * x - bx * z
+            cz = bx * y - by * x
+            theta = math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), bx * x + by * y + bz * z)
+            rate = weight * f(theta, math)
+            wx -= rate * cx
+            wy -= rate * cy
+            wz -= rate * cz
+        return wx, wy, wz
+
+    def oldest(self):
+        """Return when the longest silent neighbour was heard last, and the oldest stamp in use."""
+        return min(self.heard_at, default=NEVER), min(self._stamps, default=0)
+
+    def forget(self):
+        """
+        Forget all measurements: whatever comes next is welcome, whatever its stamp.
+
+        Silence has outlasted the patience for it. Who speaks next may be a plant that was started
+        again, with a clock that was started again.
+        """
+        m = len(self.weights)
+        self.heard_at, self._seen, self._stamps = [NEVER] * m, [None] * m, [0] * m
+        self.stamp, self._missing = 0, self._all

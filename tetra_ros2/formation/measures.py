@@ -1,0 +1,93 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What can be said of a formation by looking at it, whoever made it and why."""
+
+import itertools
+
+import numpy as np
+
+from tetra_ros2.formation import rotation, sphere
+
+
+def pairs(n):
+    """Return the pairs (i, j) of agents with i < j in lexicographic order, from 1."""
+    return tuple(itertools.combinations(range(1, n + 1), 2))
+
+
+def _ends(gamma):
+    """Return the two ends of all pairs, each of shape ``(..., n (n - 1) / 2, 3)``."""
+    gamma = np.asarray(gamma, dtype=float)
+    i, j = np.triu_indices(gamma.shape[-2], k=1)
+    return gamma[..., i, :], gamma[..., j, :]
+
+
+def pairwise_cosines(gamma):
+    """
+    Return ``cos(theta_ij)`` for i < j in lexicographic order; for n = 4 the paper's xi_s.
+
+    :param gamma: reduced attitudes, ``(..., n, 3)``
+    :returns: ``(..., n (n - 1) / 2)``
+    """
+    first, second = _ends(gamma)
+    return np.sum(first * second, axis=-1)
+
+
+def pairwise_angles(gamma):
+    """Return ``theta_ij`` [rad] for i < j in lexicographic order, ``(..., n (n - 1) / 2)``."""
+    return sphere.geodesic_distance(*_ends(gamma))
+
+
+def shape_error(gamma, target_angles):
+    """
+    Return the largest distance of a pairwise angle from the target [rad], ``(...)``.
+
+    Where the target has angles of different sizes, which of them belongs to which pair is not
+    part of the target: both sides are compared in ascending order.
+
+    :param gamma: reduced attitudes, ``(..., n, 3)``
+    :param target_angles: the target's pairwise angles [rad] in ascending order
+    """
+    return np.max(np.abs(np.sort(pairwise_angles(gamma), axis=-1) - target_angles), axis=-1)
+
+
+def chirality(gamma):
+    """
+    Return the handedness of four points, ``(...)``: 1 or -1, and 0 where they are coplanar.
+
+    It is the sign of the volume ``det[Gamma_2 - Gamma_1, Gamma_3 - Gamma_1, Gamma_4 - Gamma_1]``.
+    Rotations keep it, mirrors and odd permutations of the agents change it.
+
+    :param gamma: reduced attitudes, ``(..., 4, 3)``
+    """
+    gamma = np.asarray(gamma, dtype=float)
+    return np.sign(np.linalg.det(gamma[..., 1:, :] - gamma[..., :1, :]))
+
+
+def angular_velocity(gamma, velocity):
+    """
+    Return the angular velocity [rad/s] of the formation as one rigid body, ``(..., 3)``.
+
+    It is the W that minimises the sum of ``|dGamma_i/dt - W x Gamma_i|^2``: exact where the
+    formation keeps its shape. Where all points lie on one line W is the shortest such vector.
+
+    :param gamma: reduced attitudes, ``(..., n, 3)``
+    :param velocity: ``dGamma/dt`` [1/s], ``(..., n, 3)``
+    """
+    gamma = np.asarray(gamma, dtype=float)
+    outer = gamma[..., :, None] * gamma[..., None, :]
+    inertia = np.sum(np.eye(3) - outer, axis=-3)
+    momentum = np.sum(np.cross(gamma, velocity), axis=-2)
+    return np.einsum('...ij,...j->...i', np.linalg.pinv(inertia, hermitian=True), momentum)
+
+
+def mean_angular_velocity(before, after, elapsed):
+    """
+    Return the constant angular velocity [rad/s] that best takes one sample to the next.
+
+    :param before: reduced attitudes, ``(..., n, 3)``
+    :param after: reduced attitudes, less than half a turn later, ``(..., n, 3)``
+    :param elapsed: time between the two [s]
+    :returns: in the world frame, ``(..., 3)``
+    """
+    return rotation.log(rotation.align(before, after)) / elapsed

@@ -1,0 +1,107 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The shapes that are known to come out, and the motion that is known to be left.
+
+This is for those who watch a formation. An agent has no use for it and never imports it.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from tetra_ros2.formation import law, measures, rotation
+
+THETA_STAR = math.acos(-1.0 / 3.0)
+"""Pairwise angle of the regular tetrahedron [rad]; eq:PF:OmegaT."""
+
+_S2, _S3 = math.sqrt(2.0), math.sqrt(3.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A reference shape: its name and one copy of it, unit vectors of shape ``(n, 3)``."""
+
+    name: str
+    points: np.ndarray
+
+    @property
+    def angles(self):
+        """Return the pairwise angles [rad] in ascending order, ``(n (n - 1) / 2,)``."""
+        return np.sort(measures.pairwise_angles(self.points))
+
+
+ANTIPODAL = Shape('antipodal pair', np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
+TRIANGLE = Shape('equilateral triangle on a great circle', np.array([
+    [1.0, 0.0, 0.0], [-0.5, _S3 / 2.0, 0.0], [-0.5, -_S3 / 2.0, 0.0]]))
+TETRAHEDRON = Shape('regular tetrahedron', np.array([
+    [0.0, 0.0, 1.0],
+    [2.0 * _S2 / 3.0, 0.0, -1.0 / 3.0],
+    [-_S2 / 3.0, _S2 / _S3, -1.0 / 3.0],
+    [-_S2 / 3.0, -_S2 / _S3, -1.0 / 3.0]]))
+OCTAHEDRON = Shape('regular octahedron', np.concatenate([np.eye(3), -np.eye(3)]))
+
+
+def known_shape(topology):
+    """
+    Return the shape that a topology is known to lead to, or None.
+
+    Under uniform weights these are the antipodal pair, the triangle, the tetrahedron and the
+    octahedron, for n = 2, 3, 4 and 6. Beyond that, the tetrahedron keeps its shape, if not its
+    attitude, under every weighted graph of four with ``W(i, j) + W(j, i) = (S_i + S_j) / 3``,
+    where S are the row sums: that is ``d cos(theta_ij) / dt = 0`` at the tetrahedron. The
+    paper's Graph As:RF:weighedgraph is one of these.
+
+    :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
+    """
+    weights, n = topology.weights, topology.n
+    if np.any(weights < 0.0) or not np.any(weights):
+        return None
+    if n == 4:
+        row_sums = np.sum(weights, axis=1)
+        balance = 3.0 * (weights + weights.T) - (row_sums[:, None] + row_sums[None, :])
+        if np.allclose(balance[~np.eye(4, dtype=bool)], 0.0, atol=1e-12 * np.max(weights)):
+            return TETRAHEDRON
+        return None
+    uniform = np.all(weights == weights[0, 1] * (1.0 - np.eye(n)))
+    return {2: ANTIPODAL, 3: TRIANGLE, 6: OCTAHEDRON}.get(n) if uniform else None
+
+
+def predicted_angular_velocity(gamma, topology, gain):
+    """
+    Return the angular velocity [rad/s] at which theory lets the tetrahedron at hand spin.
+
+    The ideal tetrahedron of the same chirality is laid over ``gamma``, and the law evaluated
+    there. For the rotating topology the result has the magnitude ``sqrt(3)/2 f(theta*)`` of the
+    paper's last proposition. Its direction is ``+Gamma_k`` or ``-Gamma_k``: p and the chirality
+    decide together, and which chirality comes out is up to the start; see
+    :func:`predicted_sense`.
+
+    :param gamma: reduced attitudes near a tetrahedron, ``(4, 3)``
+    :param topology: a topology for which :func:`known_shape` is the tetrahedron
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :returns: in the world frame, ``(3,)``
+    """
+    ideal = TETRAHEDRON.points
+    if measures.chirality(gamma) != measures.chirality(ideal):
+        ideal = -ideal
+    ideal = rotation.rotate(rotation.align(ideal, gamma)[None, :], ideal)
+    return measures.angular_velocity(ideal, law.velocity(ideal, topology.weights, gain))
+
+
+def predicted_sense(topology, chirality):
+    """
+    Return in which sense a rotating formation spins about Gamma_k: 1 is counter-clockwise.
+
+    Counter-clockwise as seen from outside the sphere, looking down on Gamma_k. Each of the three
+    others flees the one it sees. Seen from there, for k = 1 and chirality 1, the succession 2, 3,
+    4 runs clockwise, and in the mirror image counter-clockwise: hence the product.
+
+    :param topology: a rotating topology
+    :param chirality: 1 or -1; see :func:`~tetra_ros2.formation.measures.chirality`
+    """
+    # (k, Suc, Suc Suc, Suc Suc Suc) is an even permutation of (1, 2, 3, 4) for odd k only.
+    clockwise = chirality if topology.axis_agent % 2 == 1 else -chirality
+    return int(clockwise if topology.direction == 1 else -clockwise)
