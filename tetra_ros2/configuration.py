@@ -8,6 +8,7 @@ Nothing unchecked gets past this module.
 """
 
 from dataclasses import dataclass
+import os
 from pathlib import Path
 import re
 
@@ -299,3 +300,15 @@ def find_file(name):
 def load(name):
     """Return the checked :class:`ParameterFile` of a path or a shipped name."""
     return ParameterFile(find_file(name))
+
+
+def check_new(path):
+    """
+    Refuse a path to record into that exists.
+
+    :raises ConfigurationError: if it does
+    """
+    if os.path.lexists(path):
+        raise ConfigurationError(
+            'exists already, and an existing recording is never overwritten; give another path',
+            source=path)

@@ -17,6 +17,7 @@ class Rejected(Exception):
     MALFORMED = 'malformed'
     WRONG_FRAME = 'wrong frame'
     OLD_STAMP = 'old stamp'
+    FUTURE_STAMP = 'stamp from the future'
     NOT_FINITE = 'not finite'
     NOT_UNIT = 'not a unit vector'
     TOO_FAST = 'faster than max_angular_velocity'

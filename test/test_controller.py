@@ -1,0 +1,229 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+import itertools
+import math
+
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import any_gain, assert_close, formations, unit_vectors
+
+from tetra_ros2.formation import law
+from tetra_ros2.formation.checks import Rejected
+from tetra_ros2.formation.controller import Controller, NEVER
+from tetra_ros2.formation.gain import Cosine
+
+X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+AXIS, WEIGHTS, GAIN = (0.6, 0.0, 0.8), (0.5, 1.0, -0.25), Cosine()
+SLOTS = range(len(WEIGHTS))
+
+
+def direction(number):
+    """Return a unit vector of its own for every whole number."""
+    azimuth, z = 2.0 * number, math.sin(3.0 * number + 1.0)
+    r = math.sqrt(1.0 - z * z)
+    return r * math.cos(azimuth), r * math.sin(azimuth), z
+
+
+def law_at(seen):
+    """Return the command that the law on arrays gives for what is seen of all neighbours."""
+    return law.angular_velocity(
+        np.array([AXIS]), np.array([seen]), np.array([WEIGHTS]), GAIN)[0]
+
+
+def new_controller():
+    return Controller(AXIS, WEIGHTS, GAIN)
+
+
+def receive_round(controller, stamp, order=SLOTS, now=0.0):
+    """Send the measurements of one stamp; return all the answers."""
+    return [controller.receive(slot, stamp, direction(10 * stamp + slot), now) for slot in order]
+
+
+def outcome(controller, slot, stamp, seen, now=0.0):
+    """Return the answer to one message, or why it was rejected."""
+    try:
+        return controller.receive(slot, stamp, seen, now)
+    except Rejected as reason:
+        return str(reason)
+
+
+messages = st.tuples(st.sampled_from(SLOTS), st.integers(0, 3))
+
+
+@pytest.mark.parametrize('order', list(itertools.permutations(SLOTS)))
+def test_a_round_is_answered_when_it_is_complete_whatever_its_order(order):
+    *early, answer = receive_round(new_controller(), 7, order)
+    assert early == [None, None]
+    assert_close(answer, law_at([direction(70 + slot) for slot in SLOTS]), atol=1e-14)
+
+
+@settings(max_examples=300)
+@given(st.lists(messages, max_size=30))
+@example([(0, 0), (1, 0), (2, 0)])
+@example([(0, 1), (1, 1), (2, 2), (2, 1), (0, 2), (1, 2), (0, 1)])
+def test_an_answer_comes_exactly_when_the_newest_stamp_is_there_from_everybody(sequence):
+    controller = new_controller()
+    accepted = []  # (slot, stamp, seen) since the beginning
+    answered_at = 0  # how many of them the last answer used up
+    for number, (slot, stamp) in enumerate(sequence):
+        seen = direction(number)
+        got = outcome(controller, slot, stamp, seen)
+        if any(other == slot and stamp < used for other, used, _ in accepted):
+            assert got == Rejected.OLD_STAMP
+            continue
+        accepted.append((slot, stamp, seen))
+        newest = max(used for _, used, _ in accepted)
+        since = {other: what for other, used, what in accepted[answered_at:] if used == newest}
+        if stamp == newest and len(since) == len(SLOTS):
+            assert_close(got, law_at([since[other] for other in SLOTS]), atol=1e-14)
+            assert controller.stamp == stamp
+            answered_at = len(accepted)
+        else:
+            assert got is None
+
+
+@given(st.lists(messages, max_size=20))
+def test_whatever_came_before_a_round_of_a_newer_stamp_is_answered(sequence):
+    controller = new_controller()
+    for number, (slot, stamp) in enumerate(sequence):
+        outcome(controller, slot, stamp, direction(number))
+    *early, answer = receive_round(controller, 9)
+    assert early == [None, None]
+    assert_close(answer, law_at([direction(90 + slot) for slot in SLOTS]), atol=1e-14)
+
+
+def test_a_round_that_is_sent_again_is_answered_again_with_the_same():
+    controller = new_controller()
+    first = receive_round(controller, 1)
+    assert first[2] is not None
+    assert receive_round(controller, 1) == first
+    assert receive_round(controller, 1, (2, 0, 1)) == [None, None, first[2]]
+
+
+def test_half_a_round_sent_twice_is_no_round():
+    controller = new_controller()
+    assert receive_round(controller, 1, (0, 1, 0, 1)) == [None] * 4
+
+
+def test_the_first_stamp_may_be_zero():
+    assert receive_round(new_controller(), 0)[2] is not None
+
+
+def test_a_round_that_a_newer_one_overtook_is_never_answered():
+    controller = new_controller()
+    assert receive_round(controller, 1, (0, 1)) == [None, None]
+    assert controller.receive(0, 2, X, 0.0) is None
+    assert controller.receive(2, 1, X, 0.0) is None
+    assert controller.stamp == 2
+
+
+def test_a_message_older_than_the_one_in_use_is_rejected():
+    controller = new_controller()
+    controller.receive(0, 5, X, 0.0)
+    with pytest.raises(Rejected, match=Rejected.OLD_STAMP):
+        controller.receive(0, 4, Y, 0.0)
+
+
+BAD = st.tuples(
+    st.sampled_from(SLOTS), st.integers(0, 9),
+    st.sampled_from([
+        (math.nan, 0.0, 1.0), (math.inf, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.1, 0.0),
+        (0.0, 0.998, 0.0)]))
+GOOD = st.builds(
+    lambda slot, stamp, number: (slot, stamp, direction(number)),
+    st.sampled_from(SLOTS), st.integers(0, 3), st.integers(0, 1000))
+
+
+@given(st.lists(st.one_of(GOOD, BAD), max_size=25))
+def test_messages_that_are_rejected_leave_no_trace(sequence):
+    disturbed, undisturbed = new_controller(), new_controller()
+    for slot, stamp, seen in sequence:
+        got = outcome(disturbed, slot, stamp, seen, now=1.0)
+        if isinstance(got, str):
+            continue
+        assert got == outcome(undisturbed, slot, stamp, seen, now=1.0)
+        assert disturbed.oldest() == undisturbed.oldest()
+        assert disturbed.stamp == undisturbed.stamp
+        assert disturbed.heard_at == undisturbed.heard_at
+    assert receive_round(disturbed, 4) == receive_round(undisturbed, 4)
+
+
+@pytest.mark.parametrize('seen, reason', [
+    ((math.nan, 0.0, 1.0), Rejected.NOT_FINITE),
+    ((0.0, -math.inf, 0.0), Rejected.NOT_FINITE),
+    ((1.0, 0.1, 0.0), Rejected.NOT_UNIT),
+    ((0.0, 0.0, 0.0), Rejected.NOT_UNIT),
+])
+def test_what_is_no_direction_is_rejected_with_its_reason(seen, reason):
+    with pytest.raises(Rejected, match=reason):
+        new_controller().receive(0, 1, seen, 0.0)
+
+
+@given(unit_vectors(), formations(3), any_gain())
+def test_the_newest_of_each_is_used_when_no_round_comes_together(axis, seen, gain):
+    controller = Controller(axis, WEIGHTS, gain)
+    controller.receive(0, 1, Z, 0.0)
+    for slot, stamp in ((0, 3), (1, 2), (2, 1)):
+        assert controller.receive(slot, stamp, tuple(seen[slot]), 0.0) is None
+    expected = law.angular_velocity(axis[None], seen[None], np.array([WEIGHTS]), gain)[0]
+    assert_close(controller.angular_velocity(), expected, atol=1e-12)
+
+
+def test_a_late_message_is_the_newest_of_its_neighbor_until_that_is_heard_again():
+    controller = new_controller()
+    receive_round(controller, 1)
+    controller.receive(0, 3, X, 0.0)
+    controller.receive(1, 3, Y, 0.0)
+    assert controller.receive(2, 2, Z, 0.0) is None
+    assert_close(controller.angular_velocity(), law_at([X, Y, Z]), atol=1e-14)
+
+
+def test_oldest_tells_of_the_neighbor_silent_for_longest_and_of_the_oldest_stamp():
+    controller = new_controller()
+    assert controller.oldest()[0] == NEVER
+    controller.receive(0, 30, X, 1.0)
+    controller.receive(1, 20, X, 2.0)
+    assert controller.oldest()[0] == NEVER
+    controller.receive(2, 40, X, 3.0)
+    assert controller.oldest() == (1.0, 20)
+    controller.receive(0, 50, X, 4.0)
+    assert controller.oldest() == (2.0, 20)
+
+
+def test_after_forgetting_an_older_clock_is_welcome():
+    controller = new_controller()
+    receive_round(controller, 100)
+    with pytest.raises(Rejected):
+        receive_round(controller, 1)
+    controller.forget()
+    assert controller.oldest()[0] == NEVER
+    assert receive_round(controller, 1) == receive_round(new_controller(), 1)
+
+
+def test_after_forgetting_half_a_round_all_of_it_is_needed_again():
+    controller = new_controller()
+    receive_round(controller, 1, (0, 1))
+    controller.forget()
+    assert controller.receive(2, 1, X, 0.0) is None
+
+
+def test_the_gain_may_be_replaced_at_any_time():
+    controller = new_controller()
+    before = receive_round(controller, 1)[2]
+    controller.gain = Cosine(a=2.0)
+    assert_close(receive_round(controller, 2, (0, 1, 2))[2],
+                 2.0 * law_at([direction(20 + slot) for slot in SLOTS]), atol=1e-14)
+    assert_close(receive_round(new_controller(), 1)[2], before, atol=0.0)
+
+
+def test_an_agent_that_sees_nobody_does_not_move():
+    assert Controller(AXIS, (), GAIN).angular_velocity() == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize('seen', [AXIS, tuple(-x for x in AXIS)])
+def test_a_neighbor_straight_ahead_or_behind_moves_nobody(seen):
+    controller = Controller(AXIS, (1.0,), GAIN)
+    assert_close(controller.receive(0, 1, seen, 0.0), (0.0, 0.0, 0.0), atol=1e-15)

@@ -1,0 +1,209 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The command line: ``tetra X``, ``ros2 run tetra_ros2 X`` and ``python -m tetra_ros2 X``.
+
+A command is loaded when it is called for, and ROS not before its arguments have been understood.
+"""
+
+import argparse
+import json
+import sys
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose messages have the form of all others of this package."""
+
+    def error(self, message):
+        """Say what is wrong in one line, and exit with status 2."""
+        self.exit(2, f'tetra: error: {message}; see {self.prog} --help\n')
+
+
+def _add_config(parser):
+    parser.add_argument(
+        '--config', metavar='FILE',
+        help='a ROS 2 parameter file, or the name of one that ships: complete, rotating, '
+             'octahedron')
+
+
+def _add_namespace(parser):
+    parser.add_argument('--namespace', metavar='NS', default='', help='namespace of the node')
+
+
+def _agent_arguments(parser):
+    parser.add_argument('--id', type=int, required=True, metavar='I', help='which agent, from 1')
+    _add_config(parser)
+    _add_namespace(parser)
+
+
+def _agent(arguments, config, ros):
+    from tetra_ros2.nodes import agent
+    return agent.main(arguments.id, config, ros)
+
+
+def _node_arguments(parser):
+    _add_config(parser)
+    _add_namespace(parser)
+
+
+def _plant(_arguments, config, ros):
+    from tetra_ros2.nodes import plant
+    return plant.main(config, ros)
+
+
+def _monitor(_arguments, config, ros):
+    from tetra_ros2.nodes import monitor
+    return monitor.main(config, ros)
+
+
+def _recorder_arguments(parser):
+    parser.add_argument(
+        'topics', nargs='*', metavar='TOPIC',
+        help='topics to record (default: all topics of the formation in this namespace)')
+    parser.add_argument('--regex', metavar='R', help='and those whose full names match this')
+    parser.add_argument(
+        '-o', '--output', metavar='DIR',
+        help='directory to make and record into (default: tetra_ and the date)')
+    parser.add_argument(
+        '--storage', choices=('mcap', 'sqlite3'), help='storage format (default: mcap)')
+    parser.add_argument(
+        '--use-sim-time', action='store_true', default=None,
+        help='file the messages under the time of /clock, as a plant in lockstep publishes it')
+    _add_config(parser)
+    _add_namespace(parser)
+
+
+def _recorder(arguments, config, ros):
+    from tetra_ros2.nodes import recorder
+    for name in ('topics', 'regex', 'output', 'storage', 'use_sim_time'):
+        if value := getattr(arguments, name):
+            ros = [*ros, '-p', f'{name}:={json.dumps(value)}']
+    return recorder.main(config, ros)
+
+
+def _launcher_arguments(parser):
+    _add_config(parser)
+    parser.set_defaults(config='complete')
+    parser.add_argument(
+        '--duration', type=float, default=30.0, metavar='S',
+        help='formation time to run [s] (default: %(default)s)')
+    parser.add_argument(
+        '--mode', choices=('lockstep', 'realtime'), help='how time passes (default: as in FILE)')
+    parser.add_argument(
+        '--seed', type=int, metavar='N', help='of the initial attitudes (default: as in FILE)')
+    parser.add_argument(
+        '--record', metavar='DIR', help='record into this directory, which must not exist')
+    parser.add_argument(
+        '--storage', choices=('mcap', 'sqlite3'), default='mcap',
+        help='storage format of the recording (default: %(default)s)')
+    parser.add_argument(
+        '--without', action='append', default=[], metavar='NODE',
+        help="leave out plant or agent_I, for somebody else's in its place")
+    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+    parser.add_argument('--quiet', action='store_true', help='show no progress')
+    _add_namespace(parser)
+
+
+def _launcher(arguments, config, ros):
+    from tetra_ros2 import report
+    return report.main(arguments, config, ros)
+
+
+COMMANDS = {
+    'agent': (_agent_arguments, _agent, 'one agent'),
+    'plant': (_node_arguments, _plant, 'the rigid bodies, or a stand-in for the real ones'),
+    'monitor': (_node_arguments, _monitor, 'watch the formation and publish its error'),
+    'recorder': (_recorder_arguments, _recorder, 'record the formation into a rosbag2 directory'),
+    'launcher': (_launcher_arguments, _launcher, 'all of them in one process, and a summary'),
+}
+
+
+def _split(argv):
+    """Return the arguments that are ours and those between ``--ros-args`` and ``--``."""
+    ours, ros, target = [], [], None
+    for argument in argv:
+        if argument == '--ros-args':
+            target = ros
+        elif argument == '--' and target is ros:
+            target = None
+        else:
+            (ours if target is None else target).append(argument)
+    return ours, ros
+
+
+def main(argv=None):
+    """
+    Run the command line.
+
+    :param argv: the arguments, without the program's name
+    :returns: the exit status: 0 if all is well, 1 if a formation did not form, 2 for a wrong call
+    """
+    ours, ros = _split(sys.argv[1:] if argv is None else argv)
+    parser = _Parser(
+        prog='tetra', description='Intrinsic formations of reduced attitudes over ROS 2.',
+        epilog='"tetra X --help" tells more of X. ROS arguments go after --ros-args.')
+    commands = parser.add_subparsers(dest='command', metavar='X', required=True)
+    for name, (add_arguments, _, text) in COMMANDS.items():
+        sub = commands.add_parser(name, help=text, description=f'{text[0].upper()}{text[1:]}.')
+        add_arguments(sub)
+    arguments = parser.parse_args(ours)
+    from tetra_ros2.parameters import ConfigurationError
+    try:
+        config = _check_config(arguments)
+        if arguments.namespace and arguments.command != 'launcher':
+            ros = [*ros, '-r', f'__ns:=/{arguments.namespace.strip("/")}']
+        return COMMANDS[arguments.command][1](arguments, config, ros)
+    except ConfigurationError as error:
+        print(f'tetra: error: {error}', file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        if hint := _INSTALL.get((error.name or '').partition('.')[0]):
+            print(f'tetra: error: {error.name} is not installed: {hint}', file=sys.stderr)
+            return 2
+        raise
+
+
+_INSTALL = {
+    'rclpy': "source a ROS 2 installation, or without one: pip install 'tetra_ros2[ros]'",
+    'rosbags': 'recording needs it: pip install rosbags',
+}
+
+
+def _check_config(arguments):
+    """Return the path of the configuration, checked before ROS is loaded, or None."""
+    if arguments.config is None:
+        return None
+    from tetra_ros2 import configuration
+    from tetra_ros2.parameters import ConfigurationError
+    file = configuration.load(arguments.config)
+    n = file.formation().topology.n
+    if arguments.command == 'agent' and not 1 <= arguments.id <= n:
+        raise ConfigurationError(
+            f'{arguments.id} is not valid, {file.path} has agents 1 to {n}', key='--id')
+    return file.path
+
+
+def agent():
+    """Run ``tetra agent``."""
+    return main(['agent', *sys.argv[1:]])
+
+
+def plant():
+    """Run ``tetra plant``."""
+    return main(['plant', *sys.argv[1:]])
+
+
+def monitor():
+    """Run ``tetra monitor``."""
+    return main(['monitor', *sys.argv[1:]])
+
+
+def recorder():
+    """Run ``tetra recorder``."""
+    return main(['recorder', *sys.argv[1:]])
+
+
+def launcher():
+    """Run ``tetra launcher``."""
+    return main(['launcher', *sys.argv[1:]])

@@ -1,0 +1,110 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One who watches a formation as it goes, in plain floats: how far it is, and since when."""
+
+import math
+
+import numpy as np
+
+from tetra_ros2.formation import measures
+from tetra_ros2.formation.checks import Rejected, require_unit
+from tetra_ros2.formation.shapes import known_shape
+
+
+class Observer:
+    """
+    Cosines, error and time to form, sample by sample.
+
+    The error is the largest distance of a pairwise angle from the known shape's [rad]. Where no
+    shape is known it is how fast the fastest of them changes [rad/s]: the formation has formed
+    when its shape has come to rest.
+
+    :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
+    :param tolerance: the error below which it has formed [rad, or rad/s]
+    """
+
+    def __init__(self, topology, tolerance):
+        self.tolerance = tolerance
+        self.shape = known_shape(topology)
+        self.pairs = measures.pairs(topology.n)
+        self.count = 0  # samples seen
+        self.stamp = None  # of the last one [ns]
+        self.started_at = None  # stamp of the first one [ns]
+        self.formed_at = None  # since when the error has stayed below the tolerance [ns]
+        self.poses = self.previous_poses = None
+        self.previous_stamp = None
+        self.cosines = []
+        self.error = math.inf
+        self._pairs = [(7 * (i - 1), 7 * (j - 1)) for i, j in self.pairs]
+        self._starts = range(0, 7 * topology.n, 7)
+        self._targets = None if self.shape is None else self.shape.angles.tolist()
+        # The target's angles have no order where they differ; the pairs do where they do not.
+        self._sorted = self.shape is not None and np.ptp(self.shape.angles) > 1e-9
+        self._angles = None
+
+    def observe(self, stamp, poses):
+        """
+        Take a sample.
+
+        :param stamp: its time [ns]
+        :param poses: for each agent Gamma_i (x, y, z) and its quaternion (x, y, z, w), in a row
+        :raises Rejected: if it is not newer than the last, or holds anything but unit vectors
+        """
+        if self.stamp is not None and stamp <= self.stamp:
+            raise Rejected(Rejected.OLD_STAMP)
+        for start in self._starts:
+            require_unit(*poses[start:start + 3])
+        cosines, angles = [], []
+        for i, j in self._pairs:
+            ax, ay, az = poses[i:i + 3]
+            bx, by, bz = poses[j:j + 3]
+            cosine = ax * bx + ay * by + az * bz
+            cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            cosines.append(cosine)
+            angles.append(math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), cosine))
+        self.cosines = cosines
+        if self._sorted:
+            angles.sort()
+        if self._targets is not None:
+            self.error = max([abs(a - b) for a, b in zip(angles, self._targets)])
+        elif self._angles is not None:
+            change = max([abs(a - b) for a, b in zip(angles, self._angles)])
+            self.error = change / (stamp - self.stamp) * 1e9
+        self._angles = angles
+        if self.error > self.tolerance:
+            self.formed_at = None
+        elif self.formed_at is None:
+            self.formed_at = stamp
+        self.count += 1
+        if self.started_at is None:
+            self.started_at = stamp
+        self.previous_stamp, self.previous_poses = self.stamp, self.poses
+        self.stamp, self.poses = stamp, poses
+
+    @property
+    def elapsed(self):
+        """Return the time from the first sample to the last [s]."""
+        return (self.stamp - self.started_at) / 1e9
+
+    @property
+    def time_to_form(self):
+        """Return the time from the first sample to the one since which it has formed [s]."""
+        return None if self.formed_at is None else (self.formed_at - self.started_at) / 1e9
+
+    @property
+    def reduced_attitudes(self):
+        """Return the last Gamma, ``(n, 3)``."""
+        return np.array(self.poses).reshape(-1, 7)[:, :3]
+
+    @property
+    def attitudes(self):
+        """Return the last attitudes, unit quaternions ``(n, 4)``."""
+        return np.array(self.poses).reshape(-1, 7)[:, 3:]
+
+    @property
+    def angular_velocity(self):
+        """Return the angular velocity of the formation between the last two samples [rad/s]."""
+        before = np.array(self.previous_poses).reshape(-1, 7)[:, :3]
+        elapsed = (self.stamp - self.previous_stamp) / 1e9
+        return measures.mean_angular_velocity(before, self.reduced_attitudes, elapsed)

@@ -1,0 +1,108 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a run came to: did it form, how long did it take, and what does theory say."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from tetra_ros2.formation import measures, shapes
+
+
+@dataclass(frozen=True)
+class Spin:
+    """
+    A rotation of the formation as one rigid body.
+
+    :param rate: angular speed [rad/s]
+    :param period: of one turn [s]; infinite at rest
+    :param axis: agent on the axis, where the topology has one
+    :param sense: about that agent's direction, seen from outside the sphere: 1 counter-clockwise,
+        -1 clockwise, 0 at rest or without an axis
+    """
+
+    rate: float
+    period: float
+    axis: int | None
+    sense: int
+
+
+@dataclass(frozen=True)
+class Summary:
+    """
+    The outcome of a run.
+
+    :param shape: name of the shape, or None if the topology has no known one
+    :param formed: whether the error stayed below the tolerance to the end
+    :param tolerance: [rad], or [rad/s] where no shape is known
+    :param time_to_form: formation time from the start until the error stayed below [s], or None
+    :param duration: formation time that passed [s]
+    :param error: final error: how far the worst pairwise angle is from the shape [rad], or how
+        fast the shape still changes [rad/s] where none is known
+    :param angles: final pairwise angles theta_ij for i < j, lexicographic [rad]
+    :param chirality: 1 or -1 for four agents, 0 where there is none
+    :param measured: the spin at the end; None if there was but one sample
+    :param predicted: the spin that theory predicts for the topology, the gain and the chirality
+        that came out; None if the shape is not a tetrahedron or did not form
+    :param axis_drift: how fast the direction of the agent on the axis still moves [rad/s]
+    """
+
+    shape: str | None
+    formed: bool
+    tolerance: float
+    time_to_form: float | None
+    duration: float
+    error: float
+    angles: tuple[float, ...]
+    chirality: int
+    measured: Spin | None
+    predicted: Spin | None
+    axis_drift: float | None
+
+
+def summarize(observer, topology, gain):
+    """
+    Summarise a run.
+
+    :param observer: an :class:`~tetra_ros2.formation.observer.Observer` that saw it
+    :param topology: its :class:`~tetra_ros2.formation.topology.Topology`
+    :param gain: its :class:`~tetra_ros2.formation.gain.Gain`
+    :raises ValueError: if the observer has seen nothing
+    """
+    if not observer.count:
+        raise ValueError('nothing has been observed')
+    gamma = observer.reduced_attitudes
+    formed = observer.formed_at is not None
+    axis = topology.axis_agent
+    measured = predicted = drift = None
+    if observer.count > 1:
+        measured = _spin(observer.angular_velocity, gamma, axis)
+        if axis is not None:
+            before = np.array(observer.previous_poses).reshape(-1, 7)[axis - 1, :3]
+            elapsed = (observer.stamp - observer.previous_stamp) / 1e9
+            drift = float(np.linalg.norm(gamma[axis - 1] - before) / elapsed)
+    if observer.shape is shapes.TETRAHEDRON and formed:
+        predicted = _spin(shapes.predicted_angular_velocity(gamma, topology, gain), gamma, axis)
+    return Summary(
+        shape=observer.shape and observer.shape.name,
+        formed=formed,
+        tolerance=observer.tolerance,
+        time_to_form=observer.time_to_form,
+        duration=observer.elapsed,
+        error=observer.error,
+        angles=tuple(measures.pairwise_angles(gamma).tolist()),
+        chirality=int(measures.chirality(gamma)) if topology.n == 4 else 0,
+        measured=measured,
+        predicted=predicted,
+        axis_drift=drift,
+    )
+
+
+def _spin(angular_velocity, gamma, axis):
+    rate = float(np.linalg.norm(angular_velocity))
+    if rate < 1e-9:  # rounding, over a sample time
+        return Spin(rate, math.inf, axis, 0)
+    sense = 0 if axis is None else int(np.sign(angular_velocity @ gamma[axis - 1]))
+    return Spin(rate, 2.0 * math.pi / rate, axis, sense)

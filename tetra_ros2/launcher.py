@@ -1,0 +1,298 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+A whole formation in one process: plant, agents, monitor and, if wanted, recorder.
+
+They are the nodes that also run in processes of their own, they talk over DDS as these do, and
+one executor spins them all::
+
+    with Launcher('rotating', seed=3) as formation:
+        formation.run_until(lambda: formation.error < 1e-3, timeout=60.0)
+        print(formation.summary().measured.rate)
+"""
+
+import time
+
+from rclpy.context import Context
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.executors import ExternalShutdownException
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+from rclpy.validate_namespace import validate_namespace
+
+from tetra_ros2 import configuration
+from tetra_ros2.formation.summary import summarize
+from tetra_ros2.nodes.agent import Agent
+from tetra_ros2.nodes.monitor import Monitor
+from tetra_ros2.nodes.plant import Plant
+from tetra_ros2.parameters import check_parameters, ConfigurationError, PARAMETERS
+from tetra_ros2.ros import names
+from tetra_ros2.ros.executor import local_by_default, make_executor, spin_some
+from tetra_ros2.ros.executor import ros_arguments as arguments_of
+
+DISCOVERY_TIMEOUT = 20.0
+"""How long the nodes may take to find each other [s]."""
+
+STALL_TIMEOUT = 60.0
+"""How long formation time may stand still [s], where nobody gave another limit."""
+
+
+class Launcher:
+    """
+    A formation in this process; a context manager that starts and stops it.
+
+    :param config: a path, or the name of a configuration that ships
+    :param seed: of the random initial attitudes, instead of the configuration's
+    :param mode: ``lockstep`` or ``realtime``, instead of the configuration's
+    :param namespace: namespace of all nodes
+    :param record: directory to record into, which must not exist; None for no recording
+    :param storage: storage format of the recording, ``mcap`` or ``sqlite3``
+    :param parameters: more parameters, ``{'gain.a': 2.0}`` for all nodes that have it or
+        ``{'plant:rate': 50.0}`` for one kind of node; they come before the configuration's
+    :param without: names of nodes to leave out, for somebody else's in their place
+    :param ros_arguments: arguments as after ``--ros-args`` on a command line
+    :raises ConfigurationError: if anything of this is not valid; nothing was started then
+    """
+
+    def __init__(self, config='complete', *, seed=None, mode=None, namespace='', record=None,
+                 storage='mcap', parameters=None, without=(), ros_arguments=()):
+        self._file = configuration.load(config)
+        self._namespace = namespace
+        self._given = dict(parameters or {})
+        if seed is not None:
+            self._given['plant:seed'] = seed
+        if mode is not None:
+            self._given['plant:mode'] = mode
+        if record is not None:
+            configuration.check_new(record)
+            self._given['recorder:output'] = str(record)
+            self._given['recorder:storage'] = storage
+        self._for_context, self._for_nodes = arguments_of(self._file.path, ros_arguments)
+        prefix = '/' + namespace.strip('/') if namespace.strip('/') else ''
+        try:
+            validate_namespace(prefix or '/')
+        except InvalidNamespaceException as error:
+            raise ConfigurationError(
+                f'{namespace!r} is not valid: {str(error).splitlines()[0].rstrip(":")}',
+                key='--namespace') from None
+        for kind in PARAMETERS:
+            check_parameters(kind, self._overrides(kind))
+        self._without = set(without)
+        self._recording = record is not None
+        self.plant = self.monitor = self.recorder = None
+        self.agents = {}
+        self.nodes = []
+        self._context = self.executor = None
+        self._target = 0
+
+    def _overrides(self, kind):
+        """Return the given parameters that are for a kind of node."""
+        known = {spec.name for spec in PARAMETERS[kind]}
+        overrides = {}
+        for key, value in self._given.items():
+            node, _, name = key.rpartition(':')
+            if node not in ('', *PARAMETERS):
+                raise ConfigurationError(
+                    f'there is no node {node!r}, expected one of {", ".join(PARAMETERS)}', key=key)
+            if node == kind or (not node and name in known):
+                overrides[name] = value
+            elif not node and not any(
+                    name == spec.name for specs in PARAMETERS.values() for spec in specs):
+                raise ConfigurationError('there is no such parameter', key=key)
+        return overrides
+
+    def __enter__(self):
+        """Start all nodes, and begin when they have found each other."""
+        try:
+            self._start()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, *_):
+        """Stop all nodes, and end the recording."""
+        self.close()
+
+    def _start(self):
+        local_by_default()
+        self._context = Context()
+        try:
+            self._context.init(self._for_context)
+        except Exception as error:  # rclpy has no public class for what rcl refuses
+            raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from None
+        self.executor = make_executor(self._context)
+        self.monitor = self._add(Monitor, 'monitor')
+        agents = {names.agent(i): i for i in range(1, self.formation.topology.n + 1)}
+        for name in sorted(self._without - {names.PLANT, *agents}):
+            raise ConfigurationError(
+                f'{name!r} is not valid, expected one of {", ".join((names.PLANT, *agents))}',
+                key='--without')
+        for name, i in agents.items():
+            if name not in self._without:
+                self.agents[i] = self._add(Agent, 'agent', i)
+        if names.PLANT not in self._without:
+            self.plant = self._add(Plant, 'plant', start=False)
+        if self._recording:
+            from tetra_ros2.nodes.recorder import Recorder
+            # In lockstep the recording is as reproducible as the run if it goes by its time.
+            lockstep = self.plant is not None and self.plant.mode == 'lockstep'
+            self.recorder = self._add(Recorder, 'recorder', use_sim_time=lockstep)
+        self._discover()
+        if self.plant is not None:
+            self.plant.time.start()
+
+    def _add(self, node_type, kind, *args, use_sim_time=None, **kwargs):
+        overrides = self._overrides(kind)
+        if use_sim_time is not None:
+            overrides['use_sim_time'] = use_sim_time
+        node = node_type(
+            *args, context=self._context, namespace=self._namespace, **self._for_nodes, **kwargs,
+            parameter_overrides=[Parameter(k, value=v) for k, v in overrides.items()])
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def _discover(self):
+        """Spin until every topic between the nodes has its two ends, and the recorder too."""
+        deadline = time.monotonic() + DISCOVERY_TIMEOUT
+        never = Future(executor=self.executor)
+        while time.monotonic() < deadline:
+            missing = [topic for topic, found in self._links() if found == 0]
+            crowded = [topic for topic, found in self._links() if found > 1]
+            if crowded:
+                raise ConfigurationError(
+                    f'somebody else is on {crowded[0]} already; choose another --namespace or '
+                    'another ROS_DOMAIN_ID')
+            if not missing:
+                return
+            spin_some(self.executor, never, timeout=0.01)
+        raise ConfigurationError(
+            f'nobody found on {missing[0]} within {DISCOVERY_TIMEOUT:g} s; is there a network '
+            'interface, if only loopback, and does ROS_AUTOMATIC_DISCOVERY_RANGE allow it?')
+
+    def _links(self):
+        """Return for each topic that a node here waits on how many are at its other end."""
+        links = []
+        for node in (*self.agents.values(), self.plant, self.monitor):
+            if node is not None:
+                links += [(s.topic_name, s.get_publisher_count()) for s in node.inputs]
+        if self.recorder is not None:
+            links += [(topic, int(self.recorder.is_recording(topic)))
+                      for topic in {p.topic_name for node in self.nodes for p in node.outputs}]
+        return links
+
+    @property
+    def formation(self):
+        """Return topology, gain and axes, as the nodes got them."""
+        return self.monitor.formation
+
+    @property
+    def time(self):
+        """Return the formation time since the start, as of the last sample [s]."""
+        return self.monitor.observer.elapsed if self.monitor.observer.count else 0.0
+
+    @property
+    def error(self):
+        """Return the last formation error; see :class:`~tetra_ros2.formation.summary.Summary`."""
+        return self.monitor.observer.error
+
+    @property
+    def reduced_attitudes(self):
+        """Return the last Gamma, unit vectors in the world frame, ``(n, 3)``."""
+        return self.monitor.observer.reduced_attitudes
+
+    @property
+    def attitudes(self):
+        """Return the last attitudes, unit quaternions x y z w, body to world, ``(n, 4)``."""
+        return self.monitor.observer.attitudes
+
+    def run_for(self, seconds, interrupt=None, stall_timeout=STALL_TIMEOUT):
+        """
+        Spin until so much more formation time has passed.
+
+        In lockstep the plant then pauses at that very step; in real time it goes on.
+
+        :param seconds: formation time [s]
+        :param interrupt: a future that ends it earlier
+        :param stall_timeout: how long to wait for formation time to pass at all [s]
+        :returns: whether all that time has passed
+        :raises TimeoutError: if formation time stands still
+        """
+        self._wait_for_sample(interrupt, stall_timeout)
+        observer = self.monitor.observer
+        self._target = max(self._target, observer.started_at) + round(seconds * 1e9)
+        reached = Future(executor=self.executor)
+        self.monitor.notify(self._target, reached)
+        if interrupt is not None:
+            interrupt.add_done_callback(lambda _: reached.done() or reached.set_result(None))
+        if self.plant is not None:
+            self.plant.time.run_until(self._target)
+        self._spin(reached, stall_timeout)
+        return interrupt is None or not interrupt.done()
+
+    def _wait_for_sample(self, interrupt, stall_timeout):
+        if not self.monitor.observer.count:
+            first = Future(executor=self.executor)
+            self.monitor.notify(0, first)
+            if interrupt is not None:
+                interrupt.add_done_callback(lambda _: first.done() or first.set_result(None))
+            self._spin(first, stall_timeout)
+
+    def _spin(self, future, stall_timeout):
+        seen, since = None, time.monotonic()
+        while not future.done():
+            spin_some(self.executor, future)
+            count = self.monitor.observer.count
+            if count != seen:
+                seen, since = count, time.monotonic()
+            elif time.monotonic() - since > stall_timeout:
+                raise TimeoutError(f'formation time has stood still for {stall_timeout:g} s')
+
+    def run_until(self, condition, timeout, every=0.1):
+        """
+        Run until a condition holds.
+
+        :param condition: called without arguments, returns whether it holds
+        :param timeout: formation time to give up after [s]
+        :param every: formation time between two looks at the condition [s]
+        :returns: whether it holds
+        """
+        end = self.time + timeout
+        while not condition():
+            if self.time >= end - 1e-9:
+                return False
+            self.run_for(min(every, end - self.time))
+        return True
+
+    def summary(self):
+        """Return the :class:`~tetra_ros2.formation.summary.Summary` of the run so far."""
+        return summarize(
+            self.monitor.observer, self.formation.topology, self.formation.gain)
+
+    def close(self):
+        """Stop all nodes; what can be told is told, what is recorded is kept."""
+        if self.plant is not None:
+            self.plant.close()
+        for node in self.nodes:
+            if node is not self.plant and node is not self.recorder:
+                node.close()
+        if self.recorder is not None:
+            self._drain()
+            self.recorder.close()
+        for node in self.nodes:
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.nodes.clear()
+        if self._context is not None:
+            self._context.try_shutdown()
+            self._context = None
+
+    def _drain(self):
+        """Let the recorder have what is still on its way."""
+        try:
+            for _ in range(3):
+                spin_some(self.executor, Future(executor=self.executor), timeout=0.05)
+        except ExternalShutdownException:
+            pass

@@ -1,0 +1,110 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The monitor: it watches the attitudes, and says how far the formation is.
+
+Unlike an agent it sees absolute attitudes and knows what is to come out; nobody listens to it
+but people.
+"""
+
+import time
+
+from geometry_msgs.msg import PoseArray
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
+
+from tetra_ros2.configuration import Formation
+from tetra_ros2.formation.checks import Rejected
+from tetra_ros2.formation.observer import Observer
+from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
+from tetra_ros2.ros.node import FormationNode
+
+PATIENCE = 1.0
+"""After how long with old stamps only [s] the plant's clock is taken to have been started anew."""
+
+
+class Monitor(FormationNode):
+    """
+    The node ``monitor``.
+
+    :param kwargs: what rclpy's Node takes beside its name
+    :raises ConfigurationError: if a parameter is not valid
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__(names.MONITOR, **kwargs)
+        values = parameters.declare(self, 'monitor', Formation.from_parameters, self._apply)
+        self.formation = formation = Formation.from_parameters(values)
+        self.observer = Observer(formation.topology, values['tolerance'])
+        self._observed_at = time.monotonic()
+        self._awaited = None
+        self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decode
+        self._cosines = self.offer(Float64MultiArray, names.COSINES, qos.STATE)
+        self._encode_cosines = cdr.trailing_numbers(
+            serialize_message(self._cosines_message()), len(self.observer.pairs))
+        if self.observer.shape is not None:
+            self._error = self.offer(Float64, names.ERROR, qos.STATE)
+            self._encode_error = cdr.trailing_numbers(serialize_message(Float64()), 1)
+        self.report_health()
+        self.listen(PoseArray, names.ATTITUDES, self._on_attitudes, qos.STATE)
+
+    def _cosines_message(self):
+        """Return a message of cosines: one labelled dimension for each pair of agents."""
+        message = Float64MultiArray()
+        count = len(self.observer.pairs)
+        message.data = [0.0] * count
+        # A dimension of size 1 for each pair says which is which; the last stride is 1.
+        message.layout.dim = [
+            MultiArrayDimension(label='cos(theta_ij) for i < j', size=count, stride=count),
+            *(MultiArrayDimension(label=f'{i} {j}', size=1, stride=1)
+              for i, j in self.observer.pairs)]
+        return message
+
+    def _apply(self, values):
+        self.observer.tolerance = values['tolerance']
+        self.formation = Formation.from_parameters(values)
+
+    def _on_attitudes(self, message):
+        observer = self.observer
+        try:
+            stamp, poses = self._decode(message)
+            observer.observe(stamp, poses)
+        except Rejected as rejection:
+            self.health.reject(rejection, names.ATTITUDES)
+            if time.monotonic() - self._observed_at > PATIENCE:
+                self.observer = Observer(self.formation.topology, observer.tolerance)
+            return
+        self._observed_at = time.monotonic()
+        self._cosines.publish(self._encode_cosines(*observer.cosines))
+        if observer.shape is not None:
+            self._error.publish(self._encode_error(observer.error))
+        if self._awaited is not None and stamp >= self._awaited[0] \
+                and not self._awaited[1].done():
+            self._awaited[1].set_result(stamp)
+
+    def notify(self, stamp, future):
+        """Complete a future with the first sample at or after a stamp [ns]."""
+        self._awaited = (stamp, future)
+
+    def assess(self):
+        """Return level, message and figures for the diagnostics."""
+        observer = self.observer
+        rates = self.health.rates({'attitude rate [Hz]': observer.count})
+        values = {'attitudes': observer.count, **rates}
+        if not observer.count:
+            return diagnostics.WARN, 'waiting for attitudes', values
+        values['formation time [s]'] = observer.elapsed
+        if observer.shape is None:
+            values['change of shape [rad/s]'] = observer.error
+            return diagnostics.OK, 'watching a formation of no known shape', values
+        values['formation error [rad]'] = observer.error
+        if observer.formed_at is None:
+            return diagnostics.OK, f'no {observer.shape.name} yet', values
+        values['time to form [s]'] = observer.time_to_form
+        return diagnostics.OK, f'a {observer.shape.name}', values
+
+
+def main(config=None, arguments=()):
+    """Run the monitor until it is signalled; see :func:`tetra_ros2.ros.executor.run`."""
+    return executor.run(Monitor, config, arguments)

@@ -1,0 +1,162 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The plant: n rigid bodies that turn as they are told, and the sensors on them.
+
+The node owns the topics and the state. How time passes is left to one of two timekeepers,
+:class:`~tetra_ros2.nodes.timekeepers.Lockstep` and
+:class:`~tetra_ros2.nodes.timekeepers.RealTime`.
+"""
+
+from functools import partial
+import secrets
+
+from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
+import numpy as np
+from std_srvs.srv import SetBool, Trigger
+
+from tetra_ros2.configuration import Formation, initial_attitudes
+from tetra_ros2.formation import rotation
+from tetra_ros2.formation.bodies import RigidBodies
+from tetra_ros2.formation.checks import Rejected, require_rate
+from tetra_ros2.nodes.timekeepers import Lockstep, RealTime
+from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
+from tetra_ros2.ros.node import FormationNode
+
+
+class Plant(FormationNode):
+    """
+    The node ``plant``.
+
+    :param start: whether time begins at once; otherwise with a call of ``time.start()``
+    :param kwargs: what rclpy's Node takes beside its name
+    :raises ConfigurationError: if a parameter is not valid
+    """
+
+    def __init__(self, *, start=True, **kwargs):
+        super().__init__(names.PLANT, **kwargs)
+        values = parameters.declare(self, 'plant', self._accept, self._apply)
+        self.formation = Formation.from_parameters(values)
+        self._topology = topology = self.formation.topology
+        n = topology.n
+
+        self.seed = values['seed']
+        self._given_attitudes = initial_attitudes(values, n)
+        if self._given_attitudes is None:
+            if self.seed < 0:
+                self.seed = secrets.randbelow(2**31)
+            self.get_logger().info(f'random initial attitudes of seed {self.seed}')
+        self._rng = np.random.default_rng(max(self.seed, 0))
+        self.bodies = RigidBodies(self._initial_attitudes(), self.formation.axes)
+
+        self._state_publisher = self.offer(PoseArray, names.ATTITUDES, qos.STATE)
+        self._encode_state = cdr.pose_array(names.WORLD, n).encode
+        # For each agent that sees anybody: its index, whom it sees, the publishers, the codec.
+        self._sensors = []
+        for i in range(1, n + 1):
+            neighbors = [j for j, _ in topology.neighbors(i)]
+            publishers = [
+                self.offer(Vector3Stamped, names.relative_attitude(i, j), qos.NEWEST).publish
+                for j in neighbors]
+            if neighbors:
+                self._sensors.append((i - 1, [j - 1 for j in neighbors], publishers,
+                                      cdr.vector3_stamped(names.body_frame(i)).encode))
+        for i in range(1, n + 1):
+            decode = cdr.twist_stamped(names.body_frame(i)).decode
+            self.listen(TwistStamped, names.cmd_vel(i), partial(self._on_command, i - 1, decode),
+                        qos.COMMANDS)
+        self.create_service(Trigger, names.RESET, self._on_reset)
+        self.create_service(SetBool, names.PAUSE, self._on_pause)
+        self.report_health()
+        if topology.blind_agents:
+            blind = ', '.join(map(str, topology.blind_agents))
+            self.get_logger().warning(f'agents that see nobody, and are not waited for: {blind}')
+
+        self.mode = values['mode']
+        timekeeper = {'lockstep': Lockstep, 'realtime': RealTime}[self.mode]
+        self.time = timekeeper(self, [sensor[0] for sensor in self._sensors])
+        self._apply(values)
+        if start:
+            self.time.start()
+
+    @property
+    def start_description(self):
+        """Return in words where the bodies start."""
+        return f'seed {self.seed}' if self._given_attitudes is None else 'given attitudes'
+
+    def close(self):
+        """Let time stand still."""
+        self.time.stop()
+
+    def _initial_attitudes(self):
+        if self._given_attitudes is not None:
+            return self._given_attitudes
+        return rotation.random(self._rng, (self._topology.n,))
+
+    def _accept(self, values):
+        formation = Formation.from_parameters(values)
+        initial_attitudes(values, formation.topology.n)
+
+    def _apply(self, values):
+        """Follow the parameters that may change at run time."""
+        self.rate = values['rate']
+        self._max_angular_velocity = values['max_angular_velocity']
+        self.time.configure(values)
+
+    def publish(self, stamp):
+        """Publish the state and what everybody sees of it, as of the time ``stamp`` [ns]."""
+        bodies = self.bodies
+        state = []
+        for position, orientation in zip(bodies.reduced, bodies.attitudes):
+            state += position
+            state += orientation
+        self._state_publisher.publish(self._encode_state(stamp, *state))
+        self.publish_measurements(stamp)
+
+    def publish_measurements(self, stamp):
+        """Publish what everybody sees, as of the time ``stamp`` [ns]."""
+        seen_by = self.bodies.seen_by
+        for i, others, publishers, encode in self._sensors:
+            for publish, seen in zip(publishers, seen_by(i, others)):
+                publish(encode(stamp, *seen))
+
+    def _on_command(self, i, decode, message):
+        try:
+            stamp, (_, _, _, x, y, z) = decode(message)
+            require_rate(x, y, z, self._max_angular_velocity)
+            self.time.command(i, stamp, (x, y, z))
+        except Rejected as rejection:
+            self.health.reject(rejection, names.agent(i + 1))
+
+    def _on_reset(self, _request, response):
+        self.reset()
+        response.success = True
+        response.message = 'back to the initial attitudes' \
+            if self._given_attitudes is not None else 'at new random attitudes'
+        return response
+
+    def reset(self):
+        """Go back to the initial condition, or to a new random one; time goes on."""
+        self.bodies = RigidBodies(self._initial_attitudes(), self.formation.axes)
+        self.time.state_changed()
+
+    def _on_pause(self, request, response):
+        self.time.pause(request.data)
+        response.success = True
+        response.message = 'paused' if request.data else 'running'
+        return response
+
+    def assess(self):
+        """Return level, message and figures for the diagnostics."""
+        level, message, values = self.time.assess(self.health)
+        crowded = [s.topic_name for s in self.inputs if s.get_publisher_count() > 1]
+        if crowded:
+            level = diagnostics.ERROR
+            message = f'more than one publisher on {", ".join(crowded)}; {message}'
+        return level, message, values
+
+
+def main(config=None, arguments=()):
+    """Run the plant until it is signalled; see :func:`tetra_ros2.ros.executor.run`."""
+    return executor.run(Plant, config, arguments)

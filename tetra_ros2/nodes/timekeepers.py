@@ -1,0 +1,299 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The two ways for the plant's time to pass.
+
+A timekeeper decides when the bodies take a step, how long it is, and which commands count. It
+starts and stops, takes commands, and is told when the state was changed under its hands.
+"""
+
+import struct
+import time
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from tetra_ros2.formation.checks import Rejected
+from tetra_ros2.ros import diagnostics, names, qos
+
+STILL = (0.0, 0.0, 0.0)
+
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+_CLOCK = struct.Struct('<4siI')  # rosgraph_msgs/Clock: encapsulation, sec, nanosec
+
+
+def _period(rate):
+    """Return the period of a rate [Hz] in whole nanoseconds: stamps and steps then agree."""
+    return max(round(1e9 / rate), 1)
+
+
+class Lockstep:
+    """
+    The plant waits for all commands that answer step k, and only then takes the step.
+
+    The measurements go out again every ``republish_period`` while it waits: who joined late, or
+    lost a message, costs time and nothing else. An agent that has not answered for
+    ``command_timeout`` is held still and not waited for until it answers again. The stamp of the
+    first measurements is one period: to ROS, a stamp of zero means no time at all.
+
+    :param plant: the node
+    :param agents: indices, from 0, of the agents that have anything to answer
+    """
+
+    DEFAULT_TIMEOUT = 30.0
+
+    def __init__(self, plant, agents):
+        self.stamp = 0  # of the measurements that are to be answered [ns]
+        self.steps = self.late = self.repetitions = 0
+        self.paused = False
+        self._plant = plant
+        self._everybody = sum(1 << i for i in agents)  # agents are bits of integers here
+        self._missing = 0  # whose answer is still to come
+        self._absent = 0  # who is not waited for
+        self._absent_since = 0
+        self._rates = [STILL] * len(plant.bodies.axes)
+        self._still = tuple(self._rates)
+        self._due = True  # whether the pace allows the next step
+        self._waiting_since = time.monotonic()
+        self._last_stamp = None
+        self._patience = 0.0  # how long to wait before the measurements are sent again [s]
+        self._watchdog = self._pacer = None
+        self._clock = plant.offer(ClockMessage, names.CLOCK, qos.NEWEST)
+
+    def configure(self, values):
+        """Take the parameters, at the start and whenever they change."""
+        self._period = _period(values['rate'])
+        self._h = self._period / 1e9
+        self._timeout = values['command_timeout'] or self.DEFAULT_TIMEOUT
+        if self._watchdog is None:
+            self._last_stamp = round(values['duration'] * 1e9) + self._period \
+                if values['duration'] else None
+            self._patience = values['republish_period']
+            self._watchdog = self._plant.create_timer(
+                self._patience, self._on_watchdog, clock=_STEADY)
+        if self._pacer is not None:
+            self._plant.destroy_timer(self._pacer)
+            self._pacer = None
+        self._due = True
+        if values['real_time_factor']:
+            self._pacer = self._plant.create_timer(
+                self._h / values['real_time_factor'], self._on_due, clock=_STEADY)
+
+    def start(self):
+        """Publish the state at hand and wait for the answers."""
+        self._begin_step()
+
+    def stop(self):
+        """Take no step any more."""
+        self.paused = True
+
+    def pause(self, paused):
+        """Stop, or go on."""
+        self.paused = paused
+        self._advance()
+
+    def run_until(self, stamp):
+        """Go on, and pause at the first step at or after a stamp [ns]."""
+        self._last_stamp = stamp
+        self.pause(False)
+
+    def state_changed(self):
+        """Let the state count as that of a step of its own."""
+        self._begin_step()
+
+    def command(self, i, stamp, rate):
+        """
+        Take the command of agent i as its answer to the measurements of a time.
+
+        :param i: index of the agent, from 0
+        :param stamp: time of the measurements [ns]
+        :param rate: angular velocity (x, y, z) in the body frame [rad/s]
+        :raises Rejected: if there have been no such measurements yet
+        """
+        bit = 1 << i
+        if stamp == self.stamp:
+            self._absent &= ~bit
+            self._rates[i] = rate
+            self._missing &= ~bit
+            if not self._missing:
+                self._advance()
+        elif stamp > self.stamp + 1:  # a stop is one nanosecond younger than what it follows
+            raise Rejected(Rejected.FUTURE_STAMP)
+        else:
+            self.late += 1  # the answer to a repetition, a partial answer, or a stop
+            if stamp > self._absent_since:
+                self._absent &= ~bit  # it is back, and waited for from the next step on
+
+    def _begin_step(self):
+        self.stamp += self._period
+        self._rates[:] = self._still
+        self._missing = self._everybody & ~self._absent
+        self._waiting_since = time.monotonic()
+        self._publish_clock()
+        self._plant.publish(self.stamp)
+
+    def _publish_clock(self):
+        self._clock.publish(_CLOCK.pack(b'\0\1\0\0', *divmod(self.stamp, 1_000_000_000)))
+
+    def _advance(self):
+        """Take the step if there is nothing left to wait for."""
+        if self._missing or self.paused or not self._due:
+            return
+        if self._last_stamp is not None and self.stamp >= self._last_stamp:
+            self.paused, self._last_stamp = True, None
+            return
+        self._due = self._pacer is None
+        self._plant.bodies.step(self._h, self._rates)
+        self.steps += 1
+        self._begin_step()
+
+    def _on_due(self):
+        self._due = True
+        self._advance()
+
+    def _on_watchdog(self):
+        """Repeat the measurements, or give up on those who do not answer."""
+        waited = time.monotonic() - self._waiting_since
+        if not self.stamp or waited < 0.5 * self._patience:
+            return
+        if self._missing and waited > self._timeout and not self.paused:
+            self._absent |= self._missing
+            self._absent_since = self.stamp
+            self._missing = 0
+        if self._missing or self.paused:
+            self.repetitions += 1
+            self._publish_clock()
+            self._plant.publish_measurements(self.stamp)
+        else:
+            self._advance()
+
+    def assess(self, health):
+        """Return level, message and figures for the diagnostics."""
+        rates = health.rates({'step rate [Hz]': self.steps})
+        waited = time.monotonic() - self._waiting_since
+        values = {'mode': 'lockstep', 'formation time [s]': self.stamp / 1e9, 'steps': self.steps,
+                  **rates, 'repetitions': self.repetitions, 'late commands': self.late}
+        if self._absent:
+            return diagnostics.ERROR, f'held still, not answering: {_agents(self._absent)}', values
+        if self.paused:
+            return diagnostics.OK, 'paused', values
+        if self._missing and waited > 1.0:
+            return diagnostics.WARN, f'waiting for {_agents(self._missing)}', values
+        return diagnostics.OK, 'running', values
+
+
+class RealTime:
+    """
+    The plant steps on a timer and applies the newest commands, whatever has come.
+
+    A step lasts as long as it really was, on the node's clock, since the one before. A command
+    whose stamp is older than ``command_timeout`` counts as zero.
+
+    :param plant: the node
+    :param agents: indices, from 0, of the agents that have anything to answer
+    """
+
+    DEFAULT_TIMEOUT = 0.5
+
+    def __init__(self, plant, agents):
+        self.stamp = 0  # of the newest measurements [ns]
+        self.steps = self.late_steps = self.fresh_commands = 0
+        self.paused = False
+        self._plant = plant
+        self._agents = agents
+        self._rates = [STILL] * len(plant.bodies.axes)
+        self._stamps = [0] * len(self._rates)
+        self._silent = 0
+        self._started_at = None
+        self._timer = None
+
+    def configure(self, values):
+        """Take the parameters, at the start and whenever they change."""
+        self._period = _period(values['rate'])
+        self._timeout = round(min((values['command_timeout'] or self.DEFAULT_TIMEOUT), 1e9) * 1e9)
+        self._duration = round(values['duration'] * 1e9) or None
+        if self._timer is not None:
+            self._plant.destroy_timer(self._timer)
+        self._timer = self._plant.create_timer(self._period / 1e9, self._on_timer)
+
+    def start(self):
+        """Begin; the timer does the rest."""
+
+    def stop(self):
+        """Take no step any more."""
+        self._timer.cancel()
+
+    def pause(self, paused):
+        """Let the bodies rest, or go on; the sensors go on measuring."""
+        self.paused = paused
+
+    def run_until(self, stamp):
+        """Go on; real time does not wait."""
+        self.pause(False)
+
+    def state_changed(self):
+        """Do nothing: the next measurements show it."""
+
+    def command(self, i, stamp, rate):
+        """
+        Take the command of agent i as its answer to the measurements of a time.
+
+        :param i: index of the agent, from 0
+        :param stamp: time of the measurements [ns]
+        :param rate: angular velocity (x, y, z) in the body frame [rad/s]
+        :raises Rejected: if it is older than the one in use, or far from the future
+        """
+        if stamp < self._stamps[i]:
+            raise Rejected(Rejected.OLD_STAMP)
+        if stamp > self.stamp + self._timeout:
+            raise Rejected(Rejected.FUTURE_STAMP)
+        self._stamps[i] = stamp
+        self._rates[i] = rate
+
+    def _on_timer(self):
+        now = self._plant.get_clock().now().nanoseconds
+        before, self.stamp = self.stamp, now
+        elapsed = now - before
+        if not before or elapsed <= 0:  # the first time, or the clock was set back
+            self._stamps = [0] * len(self._stamps)
+            self._started_at = now
+        elif not self.paused:
+            oldest = now - self._timeout
+            rates = []
+            self._silent = 0
+            for i, stamp in enumerate(self._stamps):
+                if stamp >= oldest:
+                    rates.append(self._rates[i])
+                    self.fresh_commands += stamp >= before
+                else:
+                    rates.append(STILL)
+                    self._silent |= 1 << i
+            self._plant.bodies.step(elapsed / 1e9, rates)
+            self.steps += 1
+            self.late_steps += elapsed > 1.5 * self._period
+            if self._duration is not None and now - self._started_at >= self._duration:
+                self.paused, self._duration = True, None
+        self._plant.publish(now)
+
+    def assess(self, health):
+        """Return level, message and figures for the diagnostics."""
+        rates = health.rates({'step rate [Hz]': self.steps})
+        expected = self.steps * len(self._agents)
+        values = {'mode': 'realtime', 'steps': self.steps, **rates,
+                  'deadline misses': self.late_steps,
+                  'commands not answering the previous step': expected - self.fresh_commands}
+        for i in self._agents:
+            values[f'age of command of agent_{i + 1} [s]'] = (self.stamp - self._stamps[i]) / 1e9
+        silent = self._silent & sum(1 << i for i in self._agents)
+        if self.paused:
+            return diagnostics.OK, 'paused', values
+        if silent:
+            return diagnostics.ERROR, f'held still, no recent command: {_agents(silent)}', values
+        return diagnostics.OK, 'running', values
+
+
+def _agents(bits):
+    """Return the names of the agents whose bits are set."""
+    return ', '.join(names.agent(i + 1) for i in range(bits.bit_length()) if bits >> i & 1)

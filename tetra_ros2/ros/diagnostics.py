@@ -1,0 +1,103 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The health of a node: what it counts, and how it tells."""
+
+from collections import Counter
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
+from tetra_ros2.ros import names, qos
+
+OK = DiagnosticStatus.OK
+WARN = DiagnosticStatus.WARN
+ERROR = DiagnosticStatus.ERROR
+
+PERIOD = 1.0
+"""How often a node reports [s], on a clock that runs even when formation time does not."""
+
+
+class Health:
+    """
+    Counts what a node rejects, and reports on ``diagnostics`` once a second.
+
+    What is counted in between is logged with the report, so that a flood of bad messages makes
+    one line a second.
+
+    :param node: the rclpy node
+    :param assess: called without arguments; returns ``(level, message, values)``, the state of
+        the node in a word, and a mapping of figures
+    """
+
+    def __init__(self, node, assess):
+        self.rejected = Counter()
+        self._node = node
+        self._assess = assess
+        self._logged = Counter()
+        self._level = OK
+        self._counts = {}
+        self._counted_at = time.monotonic()
+        self._publisher = node.offer(DiagnosticArray, names.DIAGNOSTICS, qos.REPORTS)
+        self._timer = node.create_timer(
+            PERIOD, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def reject(self, reason, source):
+        """Count a message that was dropped: why, and on which topic or of whom."""
+        self.rejected[f'{reason} ({source})'] += 1
+
+    def rates(self, counts):
+        """
+        Return how often things happened since the last call [Hz], given how often they ever did.
+
+        :param counts: a mapping from names to counts
+        :returns: a mapping from the same names to rates
+        """
+        now = time.monotonic()
+        elapsed = max(now - self._counted_at, 1e-9)
+        rates = {k: (v - self._counts.get(k, 0)) / elapsed for k, v in counts.items()}
+        self._counts, self._counted_at = dict(counts), now
+        return rates
+
+    def report(self):
+        """Publish and log the state of the node."""
+        level, message, values = self._assess()
+        news = self.rejected - self._logged
+        if news:
+            self._logged = Counter(self.rejected)
+            level = max(level, WARN)
+            dropped = ', '.join(f'{count} {reason}' for reason, count in news.items())
+            message = f'{message}; dropped: {dropped}'
+        self._log(level, message, news)
+        self._level = level
+        values = {**values, 'rejected': self.rejected.total(),
+                  **{f'rejected: {reason}': n for reason, n in self.rejected.items()}}
+        status = DiagnosticStatus(
+            level=level,
+            name=self._node.get_fully_qualified_name(),
+            hardware_id=self._node.get_name(),
+            message=message,
+            values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+    def _log(self, level, message, news):
+        """Log what has changed; rclpy wants each severity to have a line of its own."""
+        logger = self._node.get_logger()
+        if level == OK:
+            if self._level != OK:
+                logger.info(f'recovered: {message}')
+        elif news or level != self._level:
+            if level == WARN:
+                logger.warning(message)
+            else:
+                logger.error(message)
+
+
+def _text(value):
+    """Return a figure as text that a person can read and a program can parse."""
+    return f'{value:.6g}' if isinstance(value, float) else str(value)

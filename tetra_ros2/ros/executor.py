@@ -1,0 +1,128 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Spinning: which executor, how long at a time, and how a process ends."""
+
+from contextlib import contextmanager
+import os
+import signal
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from tetra_ros2.parameters import ConfigurationError
+
+try:
+    from rclpy.experimental.events_executor import EventsExecutor
+except ImportError:  # an rclpy older than 7.1.3
+    from rclpy.executors import SingleThreadedExecutor as EventsExecutor
+
+POLL_PERIOD = 0.1
+"""
+How long to spin at a time [s].
+
+Never without end: the events executor of rclpy 7.1 then busies a whole core and starves its own
+callbacks. A finite time also bounds how long a signal waits for Python to see it. Under load the
+same executor does not look at the time before its queue is empty: what must happen meanwhile
+belongs in a timer, and what must end the spinning in a future.
+"""
+
+
+def make_executor(context):
+    """Return the executor that all of this package's nodes spin in."""
+    return EventsExecutor(context=context)
+
+
+def spin_some(executor, future, timeout=POLL_PERIOD):
+    """
+    Spin until the future is done, or the time is over and nothing is left to do.
+
+    :param timeout: [s], finite
+    :raises ExternalShutdownException: if the context was shut down from elsewhere
+    """
+    executor.spin_until_future_complete(future, timeout_sec=timeout)
+    if not executor.context.ok():
+        raise ExternalShutdownException
+
+
+@contextmanager
+def until_signalled(executor):
+    """
+    Give a future that SIGINT and SIGTERM complete, and take the signals for it meanwhile.
+
+    rclpy's own handlers shut the context down at once, after which a node can no longer say what
+    it has to: a last command of zero, the end of a recording. A second signal ends the process
+    the hard way.
+    """
+    future = Future(executor=executor)
+
+    def stop(number, _frame):
+        signal.signal(number, previous[number])
+        if not future.done():
+            future.set_result(number)
+
+    previous = {number: signal.signal(number, stop)
+                for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield future
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def local_by_default():
+    """Keep the traffic on this machine, unless the environment says otherwise."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+
+def ros_arguments(config=None, arguments=()):
+    """
+    Return how a context and how its nodes are to be initialised.
+
+    To rcl, a parameter on the command line does not come before one that a file gives to the very
+    node. People expect that it does, so here the file is global and the rest the node's own.
+
+    :param config: path of a parameter file, or None
+    :param arguments: arguments as after ``--ros-args`` on a command line
+    :returns: arguments for the context, and keyword arguments for each node
+    """
+    file = ['--params-file', str(config)] if config is not None else []
+    return ['--ros-args', *file, *arguments], {'cli_args': ['--ros-args', *arguments]}
+
+
+def run(make_node, config=None, arguments=()):
+    """
+    Run one node until it is signalled or shut down; the body of every node's ``main``.
+
+    :param make_node: called with keyword arguments for rclpy's Node, returns the node; its
+        ``close`` is called at the end, while it can still publish
+    :param config: path of a checked parameter file, or None
+    :param arguments: arguments as after ``--ros-args`` on a command line
+    :returns: the exit status: 0 after a signal
+    :raises ConfigurationError: if the node cannot be configured
+    """
+    for_context, for_node = ros_arguments(config, arguments)
+    try:
+        rclpy.init(args=for_context, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rclpy has no public class for what rcl refuses
+        raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from None
+    try:
+        executor = make_executor(rclpy.get_default_context())
+        with until_signalled(executor) as signalled:
+            node = make_node(**for_node)
+            executor.add_node(node)
+            try:
+                while not signalled.done():
+                    spin_some(executor, signalled)
+            except (ExternalShutdownException, KeyboardInterrupt):
+                pass
+            finally:
+                node.close()
+                executor.remove_node(node)
+                node.destroy_node()
+        return 0
+    finally:
+        rclpy.try_shutdown()
+

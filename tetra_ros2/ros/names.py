@@ -1,0 +1,50 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The names of nodes, topics, services and frames; relative, so that a namespace moves all."""
+
+PLANT = 'plant'
+MONITOR = 'monitor'
+RECORDER = 'recorder'
+
+ATTITUDES = 'formation/attitudes'
+COSINES = 'formation/cosines'
+ERROR = 'formation/error'
+DIAGNOSTICS = 'diagnostics'
+CLOCK = '/clock'
+
+RESET = 'plant/reset'
+PAUSE = 'plant/pause'
+
+WORLD = 'world'
+
+
+def agent(i):
+    """Return the name of the node of agent i."""
+    return f'agent_{i}'
+
+
+def body_frame(i):
+    """Return the name of the body frame of agent i."""
+    return f'agent_{i}'
+
+
+def relative_attitude(i, j):
+    """Return the topic on which agent i is told where agent j points."""
+    return f'agent_{i}/relative_attitude/agent_{j}'
+
+
+def cmd_vel(i):
+    """Return the topic on which agent i commands its angular velocity."""
+    return f'agent_{i}/cmd_vel'
+
+
+FORMATION_TOPICS = (
+    r'agent_\d+/relative_attitude/agent_\d+',
+    r'agent_\d+/cmd_vel',
+    ATTITUDES,
+    COSINES,
+    ERROR,
+    DIAGNOSTICS,
+)
+"""Regular expressions of all the topics of a formation, relative to its namespace."""

@@ -1,0 +1,96 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Declaring this package's parameters to ROS, and following their changes."""
+
+import math
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+    SetParametersResult,
+)
+
+from tetra_ros2.parameters import check_parameters, ConfigurationError, PARAMETERS
+
+_TYPES = {
+    bool: ParameterType.PARAMETER_BOOL,
+    int: ParameterType.PARAMETER_INTEGER,
+    float: ParameterType.PARAMETER_DOUBLE,
+    str: ParameterType.PARAMETER_STRING,
+}
+_LISTS = {
+    float: ParameterType.PARAMETER_DOUBLE_ARRAY,
+    str: ParameterType.PARAMETER_STRING_ARRAY,
+}
+
+
+def declare(node, kind, accept, apply):
+    """
+    Declare the parameters of a kind of node, and keep them right as long as the node lives.
+
+    :param node: the rclpy node
+    :param kind: one of :data:`tetra_ros2.parameters.PARAMETERS`
+    :param accept: called with a mapping of all values, checked one by one, before they count;
+        raises ConfigurationError if they do not fit together
+    :param apply: called with such a mapping after a change at run time
+    :returns: the mapping for a start
+    :raises ConfigurationError: if a value that the user set is not valid
+    """
+    specs = {spec.name: spec for spec in PARAMETERS[kind]}
+
+    def values(changes=()):
+        given = {name: node.get_parameter(name).value for name in specs}
+        given.update((p.name, p.value) for p in changes if p.name in specs)
+        return check_parameters(kind, {k: v for k, v in given.items() if v is not None})
+
+    def on_set(changes):
+        try:
+            accept(values(changes))
+        except ConfigurationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    # What the user gave is checked here and not by the descriptor, which would say it less well.
+    for spec in specs.values():
+        node.declare_parameter(
+            spec.name, _plain(spec.default), ParameterDescriptor(dynamic_typing=True))
+    start = values()
+    accept(start)
+    for spec in specs.values():
+        node.set_descriptor(spec.name, describe(spec))
+    node.add_on_set_parameters_callback(on_set)
+    node.add_post_set_parameters_callback(
+        lambda changes: apply(values()) if any(p.name in specs for p in changes) else None)
+    return start
+
+
+def _plain(default):
+    """Return a default as rclpy takes it."""
+    return list(default) if isinstance(default, tuple) else default
+
+
+def describe(spec):
+    """
+    Return the descriptor of a parameter.
+
+    Its type is dynamic for ROS, so that ``rate: 100`` does for 100.0; that the value is of the
+    right kind is checked by :meth:`tetra_ros2.parameters.Parameter.check` all the same.
+    """
+    descriptor = ParameterDescriptor(
+        description=spec.description,
+        additional_constraints=spec.expected,
+        read_only=not spec.dynamic,
+        dynamic_typing=True,
+        type=_LISTS[spec.items] if spec.items else _TYPES[type(spec.default)],
+    )
+    if spec.minimum is not None and math.isfinite(spec.maximum):
+        if type(spec.default) is int:
+            descriptor.integer_range = [
+                IntegerRange(from_value=spec.minimum, to_value=spec.maximum, step=1)]
+        else:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=spec.minimum, to_value=spec.maximum)]
+    return descriptor

@@ -1,0 +1,27 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Quality of service, one profile for each use.
+
+Each can be overridden by ROS 2's standard parameters, such as
+``qos_overrides./agent_1/cmd_vel.publisher.depth``; see :mod:`tetra_ros2.ros.node`.
+"""
+
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+NEWEST = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE)
+"""Measurements and commands: the newest value is the only one worth having."""
+
+COMMANDS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""The plant's side of the commands: a best-effort subscription takes either reliability."""
+
+STATE = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""What is there to be watched and recorded: all of it, even by one who is briefly busy."""
+
+REPORTS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE)
+"""Diagnostics: a few, now and then."""
