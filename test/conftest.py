@@ -1,9 +1,50 @@
 # Copyright 2026 The tetra_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What all tests share."""
+"""What all tests share: reproducible examples, and a ROS domain that nobody else is in."""
+
+import fcntl
+import os
+from pathlib import Path
+import tempfile
 
 from hypothesis import settings
+import pytest
 
 settings.register_profile('tetra', derandomize=True, deadline=None, max_examples=30)
 settings.load_profile('tetra')
+
+
+def _reserve_domain():
+    """Take a ROS domain that no other test session on this machine has; return its lock."""
+    for domain in range(1, 102):  # beyond 101 the ports are among those of outgoing connections
+        lock = (Path(tempfile.gettempdir()) / f'tetra_ros2_test_domain_{domain}').open('w')
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            continue
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        return lock
+    raise RuntimeError('all ROS domains are taken by other test sessions')
+
+
+# At import, and not in a fixture: modules of the tests may make a ROS context when they load.
+_DOMAIN_LOCK = _reserve_domain()
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+
+@pytest.fixture
+def probe():
+    """Return a plain node of its own, to look at a formation from outside."""
+    from harness import Probe
+    with Probe() as node:
+        yield node
+
+
+@pytest.fixture
+def processes():
+    """Return a function that starts ``tetra X`` in a process, and end all of them afterwards."""
+    from harness import Processes
+    with Processes() as started:
+        yield started

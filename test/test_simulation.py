@@ -181,7 +181,7 @@ def test_under_the_complete_graph_the_potential_never_rises():
 def test_uniform_starts_reach_the_shape_that_is_known_for_the_complete_graph(n, gain):
     topology = topologies.complete(n)
     q = rotation.random(np.random.default_rng(16), (20, n))
-    end = simulate(q, X, topology.weights, gain, 0.1, 1000)
+    end = simulate(q, X, topology.weights, gain, 0.1, 700)
     errors = measures.shape_error(
         rotation.rotate(end, X), shapes.known_shape(topology).angles)
     assert np.max(errors) < 1e-3
@@ -201,7 +201,7 @@ def test_the_rotating_formation_spins_at_the_predicted_rate_and_sense(k, p):
     topology, gain, h = topologies.rotating(k, p), Cosine(), 0.005
     q = near(shapes.TETRAHEDRON, np.random.default_rng(17), count=2)
     settled = simulate(q, X, topology.weights, gain, 0.02, 500)
-    kept = simulate(settled, X, topology.weights, gain, h, 600, every=100)
+    kept = simulate(settled, X, topology.weights, gain, h, 200, every=100)
     gamma = rotation.rotate(kept, X)
     assert np.max(measures.shape_error(gamma[-1], shapes.TETRAHEDRON.angles)) < 1e-3
     assert sorted(measures.chirality(gamma[-1])) == [-1.0, -1.0, 1.0, 1.0]

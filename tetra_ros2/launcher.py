@@ -28,11 +28,14 @@ from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.nodes.plant import Plant
 from tetra_ros2.parameters import check_parameters, ConfigurationError, PARAMETERS
 from tetra_ros2.ros import names
-from tetra_ros2.ros.executor import local_by_default, make_executor, spin_some
+from tetra_ros2.ros.executor import initialize, local_by_default, make_executor, spin_some
 from tetra_ros2.ros.executor import ros_arguments as arguments_of
 
 DISCOVERY_TIMEOUT = 20.0
 """How long the nodes may take to find each other [s]."""
+
+FAREWELL_TIMEOUT = 2.0
+"""How long nodes that were here before may take to be gone [s]."""
 
 STALL_TIMEOUT = 60.0
 """How long formation time may stand still [s], where nobody gave another limit."""
@@ -118,10 +121,7 @@ class Launcher:
     def _start(self):
         local_by_default()
         self._context = Context()
-        try:
-            self._context.init(self._for_context)
-        except Exception as error:  # rclpy has no public class for what rcl refuses
-            raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from None
+        initialize(self._context, self._for_context)
         self.executor = make_executor(self._context)
         self.monitor = self._add(Monitor, 'monitor')
         agents = {names.agent(i): i for i in range(1, self.formation.topology.n + 1)}
@@ -156,16 +156,17 @@ class Launcher:
 
     def _discover(self):
         """Spin until every topic between the nodes has its two ends, and the recorder too."""
-        deadline = time.monotonic() + DISCOVERY_TIMEOUT
+        begun = time.monotonic()
         never = Future(executor=self.executor)
-        while time.monotonic() < deadline:
-            missing = [topic for topic, found in self._links() if found == 0]
-            crowded = [topic for topic, found in self._links() if found > 1]
-            if crowded:
+        while (elapsed := time.monotonic() - begun) < DISCOVERY_TIMEOUT:
+            links = self._links()
+            missing = [topic for topic, found in links if found == 0]
+            crowded = [topic for topic, found in links if found > 1]
+            if crowded and elapsed > FAREWELL_TIMEOUT:
                 raise ConfigurationError(
                     f'somebody else is on {crowded[0]} already; choose another --namespace or '
                     'another ROS_DOMAIN_ID')
-            if not missing:
+            if not missing and not crowded:
                 return
             spin_some(self.executor, never, timeout=0.01)
         raise ConfigurationError(
@@ -273,18 +274,21 @@ class Launcher:
 
     def close(self):
         """Stop all nodes; what can be told is told, what is recorded is kept."""
+        if self.executor is None:
+            return
         if self.plant is not None:
             self.plant.close()
-        for node in self.nodes:
-            if node is not self.plant and node is not self.recorder:
-                node.close()
+        for agent in self.agents.values():
+            agent.close()
         if self.recorder is not None:
             self._drain()
             self.recorder.close()
         for node in self.nodes:
             self.executor.remove_node(node)
             node.destroy_node()
-        self.nodes.clear()
+        if self.executor is not None:
+            self.executor.shutdown()  # the events executor holds on to the nodes until then
+            self.executor = None
         if self._context is not None:
             self._context.try_shutdown()
             self._context = None

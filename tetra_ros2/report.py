@@ -150,12 +150,11 @@ def describe(summary, launcher, wall_time):
     if launcher.plant is not None:
         rows.append(('plant', f'{launcher.plant.mode}, {launcher.plant.rate:g} Hz, '
                               f'{launcher.plant.start_description}'))
-    goal = summary.shape or 'shape at rest'
-    if summary.formed:
-        rows.append(('formed', f'yes, a {goal} after {summary.time_to_form:.2f} s' if summary.shape
-                     else f'yes, the shape came to rest after {summary.time_to_form:.2f} s'))
-    else:
-        rows.append(('formed', f'no, not a {goal} within {summary.duration:.2f} s'))
+    goal = 'a shape at rest'
+    if summary.shape is not None:
+        goal = f'{"an" if summary.shape[0] in "aeiou" else "a"} {summary.shape}'
+    rows.append(('formed', f'yes, {goal} after {summary.time_to_form:.2f} s' if summary.formed
+                 else f'no, not {goal} within {summary.duration:.2f} s'))
     unit = 'rad' if summary.shape else 'rad/s'
     rows.append(('error', f'{summary.error:.3g} {unit} (tolerance {summary.tolerance:g})'))
     angles = [math.degrees(angle) for angle in summary.angles]

@@ -49,9 +49,12 @@ class Observer:
 
         :param stamp: its time [ns]
         :param poses: for each agent Gamma_i (x, y, z) and its quaternion (x, y, z, w), in a row
-        :raises Rejected: if it is not newer than the last, or holds anything but unit vectors
+        :returns: whether it is a new one, and not the last one again
+        :raises Rejected: if it is older than the last, or holds anything but unit vectors
         """
         if self.stamp is not None and stamp <= self.stamp:
+            if stamp == self.stamp:
+                return False
             raise Rejected(Rejected.OLD_STAMP)
         for start in self._starts:
             require_unit(*poses[start:start + 3])
@@ -81,6 +84,7 @@ class Observer:
             self.started_at = stamp
         self.previous_stamp, self.previous_poses = self.stamp, self.poses
         self.stamp, self.poses = stamp, poses
+        return True
 
     @property
     def elapsed(self):

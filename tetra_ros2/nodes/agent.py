@@ -66,6 +66,7 @@ class Agent(FormationNode):
 
     def close(self):
         """Stop the body, for good: the last command is zero."""
+        self._ticker.cancel()
         self._stop()
         self._publisher.wait_for_all_acked(Duration(seconds=0.5))
 
@@ -148,11 +149,12 @@ class Agent(FormationNode):
             level = diagnostics.ERROR
         elif self._state != 'answering':
             level = diagnostics.WARN
-        others = self.count_publishers(self._publisher.topic_name) - 1
-        values['other publishers on cmd_vel'] = others
-        if others > 0:
-            level = diagnostics.ERROR
-            message = f'{others} more publishing on {self._publisher.topic_name}; {message}'
+        topic = self._publisher.topic_name
+        publishers = self.count_publishers(topic)
+        values['publishers on cmd_vel'] = publishers
+        if publishers > 1:
+            level = max(level, diagnostics.WARN)
+            message = f'{message}; {diagnostics.crowded([topic])}'
         return level, message, values
 
 

@@ -69,13 +69,15 @@ class Monitor(FormationNode):
         observer = self.observer
         try:
             stamp, poses = self._decode(message)
-            observer.observe(stamp, poses)
+            new = observer.observe(stamp, poses)
         except Rejected as rejection:
             self.health.reject(rejection, names.ATTITUDES)
             if time.monotonic() - self._observed_at > PATIENCE:
                 self.observer = Observer(self.formation.topology, observer.tolerance)
             return
         self._observed_at = time.monotonic()
+        if not new:
+            return
         self._cosines.publish(self._encode_cosines(*observer.cosines))
         if observer.shape is not None:
             self._error.publish(self._encode_error(observer.error))
@@ -100,9 +102,9 @@ class Monitor(FormationNode):
             return diagnostics.OK, 'watching a formation of no known shape', values
         values['formation error [rad]'] = observer.error
         if observer.formed_at is None:
-            return diagnostics.OK, f'no {observer.shape.name} yet', values
+            return diagnostics.OK, f'forming: {observer.shape.name}', values
         values['time to form [s]'] = observer.time_to_form
-        return diagnostics.OK, f'a {observer.shape.name}', values
+        return diagnostics.OK, f'formed: {observer.shape.name}', values
 
 
 def main(config=None, arguments=()):

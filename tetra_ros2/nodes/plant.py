@@ -112,13 +112,8 @@ class Plant(FormationNode):
             state += position
             state += orientation
         self._state_publisher.publish(self._encode_state(stamp, *state))
-        self.publish_measurements(stamp)
-
-    def publish_measurements(self, stamp):
-        """Publish what everybody sees, as of the time ``stamp`` [ns]."""
-        seen_by = self.bodies.seen_by
         for i, others, publishers, encode in self._sensors:
-            for publish, seen in zip(publishers, seen_by(i, others)):
+            for publish, seen in zip(publishers, bodies.seen_by(i, others)):
                 publish(encode(stamp, *seen))
 
     def _on_command(self, i, decode, message):
@@ -152,8 +147,8 @@ class Plant(FormationNode):
         level, message, values = self.time.assess(self.health)
         crowded = [s.topic_name for s in self.inputs if s.get_publisher_count() > 1]
         if crowded:
-            level = diagnostics.ERROR
-            message = f'more than one publisher on {", ".join(crowded)}; {message}'
+            level = max(level, diagnostics.WARN)
+            message = f'{message}; {diagnostics.crowded(crowded)}'
         return level, message, values
 
 

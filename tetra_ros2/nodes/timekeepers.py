@@ -33,8 +33,8 @@ class Lockstep:
     """
     The plant waits for all commands that answer step k, and only then takes the step.
 
-    The measurements go out again every ``republish_period`` while it waits: who joined late, or
-    lost a message, costs time and nothing else. An agent that has not answered for
+    State and measurements go out again every ``republish_period`` while it waits: who joined
+    late, or lost a message, costs time and nothing else. An agent that has not answered for
     ``command_timeout`` is held still and not waited for until it answers again. The stamp of the
     first measurements is one period: to ROS, a stamp of zero means no time at all.
 
@@ -165,7 +165,7 @@ class Lockstep:
         if self._missing or self.paused:
             self.repetitions += 1
             self._publish_clock()
-            self._plant.publish_measurements(self.stamp)
+            self._plant.publish(self.stamp)
         else:
             self._advance()
 

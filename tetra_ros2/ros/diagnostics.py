@@ -98,6 +98,13 @@ class Health:
                 logger.error(message)
 
 
+def crowded(topics):
+    """Return in words that these topics have more than one publisher where one is right."""
+    # DDS takes some 20 s to notice that a process was killed.
+    return (f'more than one publisher on {", ".join(topics)}: two agents of one number, or one '
+            'that died within the last 20 s')
+
+
 def _text(value):
     """Return a figure as text that a person can read and a program can parse."""
     return f'{value:.6g}' if isinstance(value, float) else str(value)

@@ -7,9 +7,8 @@ from contextlib import contextmanager
 import os
 import signal
 
-import rclpy
+from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from tetra_ros2.parameters import ConfigurationError
@@ -92,6 +91,19 @@ def ros_arguments(config=None, arguments=()):
     return ['--ros-args', *file, *arguments], {'cli_args': ['--ros-args', *arguments]}
 
 
+def initialize(context, arguments):
+    """
+    Initialise a context, without rclpy's signal handlers.
+
+    :param arguments: a command line's, with ``--ros-args``
+    :raises ConfigurationError: if rcl does not take them
+    """
+    try:
+        context.init(arguments)
+    except Exception as error:  # rclpy has no public class for what rcl refuses
+        raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from None
+
+
 def run(make_node, config=None, arguments=()):
     """
     Run one node until it is signalled or shut down; the body of every node's ``main``.
@@ -104,14 +116,12 @@ def run(make_node, config=None, arguments=()):
     :raises ConfigurationError: if the node cannot be configured
     """
     for_context, for_node = ros_arguments(config, arguments)
+    context = Context()
+    initialize(context, for_context)
+    executor = make_executor(context)
     try:
-        rclpy.init(args=for_context, signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # rclpy has no public class for what rcl refuses
-        raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from None
-    try:
-        executor = make_executor(rclpy.get_default_context())
         with until_signalled(executor) as signalled:
-            node = make_node(**for_node)
+            node = make_node(context=context, **for_node)
             executor.add_node(node)
             try:
                 while not signalled.done():
@@ -124,5 +134,6 @@ def run(make_node, config=None, arguments=()):
                 node.destroy_node()
         return 0
     finally:
-        rclpy.try_shutdown()
+        executor.shutdown()
+        context.try_shutdown()
 

@@ -1,0 +1,152 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Looking at a formation from outside: processes to start, and a plain node to listen with.
+
+The node uses message objects and rclpy's default executor, as somebody else's would, and nothing
+of the package under test but the names of topics.
+"""
+
+from collections import defaultdict
+import signal
+import subprocess
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
+import numpy as np
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+DEADLINE = 60.0
+"""How long anything may take [s]; far more than it does."""
+
+
+class Probe:
+    """A node that keeps all messages of the topics it was told to listen to."""
+
+    def __init__(self, namespace=''):
+        self.context = Context()
+        self.context.init()
+        self.node = Node('probe', context=self.context, namespace=namespace)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.received = defaultdict(list)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def listen(self, message_type, topic, depth=10000):
+        """Keep what comes on a topic from now on."""
+        self.node.create_subscription(
+            message_type, topic, self.received[topic].append, depth)
+
+    def wait_for(self, condition, what, timeout=DEADLINE):
+        """Spin until a condition holds, and return what it returned."""
+        deadline = time.monotonic() + timeout
+        while not (result := condition()):
+            assert time.monotonic() < deadline, f'{what}: not within {timeout} s'
+            self.executor.spin_once(timeout_sec=0.1)
+        return result
+
+    def call(self, service_type, name, request):
+        """Call a service and return its response."""
+        client = self.node.create_client(service_type, name)
+        self.wait_for(client.service_is_ready, f'service {name}')
+        future = client.call_async(request)
+        self.wait_for(future.done, f'answer of {name}')
+        return future.result()
+
+    def health(self, name):
+        """Return the last diagnostics of a node, or None; DiagnosticArray must be listened to."""
+        for message in reversed(self.received['diagnostics']):
+            for status in message.status:
+                if status.name == name:
+                    return status
+        return None
+
+    def wait_for_health(self, name, condition, what):
+        """Wait until the diagnostics of a node satisfy a condition, and return them."""
+        if 'diagnostics' not in self.received:
+            self.listen(DiagnosticArray, 'diagnostics')
+        return self.wait_for(
+            lambda: (status := self.health(name)) and condition(status) and status, what)
+
+    def listen_to_attitudes(self):
+        """Keep the states of the formation."""
+        self.listen(PoseArray, 'formation/attitudes')
+
+    def stamp(self):
+        """Return the stamp of the last state [ns], or 0."""
+        states = self.received['formation/attitudes']
+        return nanoseconds(states[-1].header.stamp) if states else 0
+
+    def attitudes(self):
+        """Return the last attitudes, quaternions x y z w, ``(n, 4)``."""
+        return np.array([
+            [p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w]
+            for p in self.received['formation/attitudes'][-1].poses])
+
+    def reduced_attitudes(self):
+        """Return the last reduced attitudes, ``(n, 3)``."""
+        return np.array([[p.position.x, p.position.y, p.position.z]
+                         for p in self.received['formation/attitudes'][-1].poses])
+
+
+def nanoseconds(stamp):
+    """Return a ROS time in nanoseconds."""
+    return stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
+def values(status):
+    """Return the figures of a diagnostic status as a mapping of texts."""
+    return {item.key: item.value for item in status.values}
+
+
+class Processes:
+    """Processes that are ended, one way or the other, when the test is over."""
+
+    def __init__(self):
+        self._started = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in self._started:
+            process.kill()
+            process.communicate()
+
+    def tetra(self, *arguments):
+        """Start ``tetra X`` with these arguments."""
+        return self.python('-m', 'tetra_ros2', *arguments)
+
+    def python(self, *arguments):
+        """Start Python with these arguments."""
+        process = subprocess.Popen(
+            [sys.executable, *map(str, arguments)],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self._started.append(process)
+        return process
+
+
+def interrupt(process):
+    """End a process as Ctrl-C does; return its exit status and what it printed."""
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=DEADLINE)
+    return process.returncode, output
+
+
+def run(*arguments):
+    """Run ``tetra`` to its end; return its exit status, its output and its errors."""
+    done = subprocess.run(
+        [sys.executable, '-m', 'tetra_ros2', *map(str, arguments)],
+        capture_output=True, text=True, timeout=DEADLINE, check=False)
+    return done.returncode, done.stdout, done.stderr

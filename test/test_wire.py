@@ -1,0 +1,266 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Bad messages on the wire: dropped, counted, reported, and never part of the state."""
+
+import math
+import time
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
+from harness import nanoseconds, Probe, values
+import numpy as np
+import pytest
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+
+from tetra_ros2.nodes.agent import Agent
+from tetra_ros2.nodes.monitor import Monitor
+from tetra_ros2.nodes.plant import Plant
+from tetra_ros2.ros.executor import make_executor, spin_some
+
+NAN, INF = math.nan, math.inf
+REPORT = 'diagnostics'
+
+
+class Bench:
+    """One node under test, spun together with a probe."""
+
+    def __init__(self, probe, node_type, *args, **parameters):
+        self.probe = probe
+        self.context = Context()
+        self.context.init()
+        self.executor = make_executor(self.context)
+        self.node = node_type(*args, context=self.context, parameter_overrides=[
+            Parameter(key.replace('__', '.'), value=value) for key, value in parameters.items()])
+        self.executor.add_node(self.node)
+        self._never = Future(executor=self.executor)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.node.close()
+        self.node.destroy_node()
+        self.executor.shutdown()
+        self.context.try_shutdown()
+
+    def wait_for(self, condition, what):
+        def step():
+            spin_some(self.executor, self._never, timeout=0.005)
+            return condition()
+        return self.probe.wait_for(step, what)
+
+    def publisher(self, message_type, topic):
+        publisher = self.probe.node.create_publisher(message_type, topic, 10)
+        self.wait_for(publisher.get_subscription_count, f'a subscription to {topic}')
+        return publisher
+
+    def rejects(self, publisher, message, reason):
+        """Publish a message and wait until it has been dropped for this reason."""
+        before = self.node.health.rejected.total()
+        publisher.publish(message)
+        self.wait_for(lambda: self.node.health.rejected.total() > before, f'rejection: {reason}')
+        assert any(key.startswith(reason) for key in self.node.health.rejected), \
+            self.node.health.rejected
+
+    def is_reported(self):
+        """Wait until the diagnostics tell of all that was dropped."""
+        name = self.node.get_fully_qualified_name()
+        total = str(self.node.health.rejected.total())
+
+        def told():
+            status = self.probe.health(name)
+            return status and values(status)['rejected'] == total and status
+
+        status = self.wait_for(told, 'the report')
+        for reason, count in self.node.health.rejected.items():
+            assert values(status)[f'rejected: {reason}'] == str(count)
+
+
+def measurement(vector, frame='agent_1', stamp=(5, 0)):
+    message = Vector3Stamped()
+    message.header.stamp = Time(sec=stamp[0], nanosec=stamp[1])
+    message.header.frame_id = frame
+    message.vector.x, message.vector.y, message.vector.z = map(float, vector)
+    return message
+
+
+def command(vector, frame='agent_1', stamp=None):
+    message = TwistStamped()
+    message.header.frame_id = frame
+    if stamp is not None:
+        message.header.stamp = stamp
+    angular = message.twist.angular
+    angular.x, angular.y, angular.z = map(float, vector)
+    return message
+
+
+def test_an_agent_drops_bad_measurements_and_answers_good_ones(probe):
+    probe.listen(TwistStamped, 'agent_1/cmd_vel')
+    from diagnostic_msgs.msg import DiagnosticArray
+    probe.listen(DiagnosticArray, REPORT)
+    with Bench(probe, Agent, 1, topology__n=2, measurement_timeout=math.inf,
+               rate=0.01) as bench:
+        publisher = bench.publisher(Vector3Stamped, 'agent_1/relative_attitude/agent_2')
+        bench.wait_for(lambda: bench.node.count_subscribers('agent_1/cmd_vel'), 'the probe')
+        publisher.publish(measurement([0.0, 1.0, 0.0]))
+        bench.wait_for(lambda: probe.received['agent_1/cmd_vel'], 'an answer')
+        for bad, reason in (
+                (measurement([NAN, 0.0, 0.0]), 'not finite'),
+                (measurement([0.0, INF, 0.0]), 'not finite'),
+                (measurement([0.0, -INF, INF]), 'not finite'),
+                (measurement([1.1, 0.0, 0.0]), 'not a unit vector'),
+                (measurement([0.0, 0.0, 0.0]), 'not a unit vector'),
+                (measurement([1e300, 1e300, 0.0]), 'not a unit vector'),
+                (measurement([0.0, 1.0, 0.0], frame='agent_2'), 'wrong frame'),
+                (measurement([0.0, 1.0, 0.0], frame='world'), 'wrong frame'),
+                (measurement([0.0, 1.0, 0.0], frame=''), 'wrong frame'),
+                (measurement([0.0, 1.0, 0.0], frame='x' * 500), 'wrong frame'),
+                (measurement([0.0, 1.0, 0.0], stamp=(4, 999_999_999)), 'old stamp')):
+            bench.rejects(publisher, bad, reason)
+        assert len(probe.received['agent_1/cmd_vel']) == 1, 'no answer to any of these'
+        publisher.publish(measurement([0.0, 0.0, 1.0], stamp=(5, 1)))
+        bench.wait_for(lambda: len(probe.received['agent_1/cmd_vel']) == 2, 'the second answer')
+        answer = probe.received['agent_1/cmd_vel'][-1]
+        w = answer.twist.angular
+        # -f(pi/2) b x y = -(1, 0, 0) x (0, 0, 1) = (0, 1, 0)
+        np.testing.assert_allclose([w.x, w.y, w.z], [0.0, 1.0, 0.0], atol=1e-15)
+        assert nanoseconds(answer.header.stamp) == 5_000_000_001
+        bench.is_reported()
+
+
+def test_an_agent_answers_partial_news_and_stops_when_a_neighbour_falls_silent(probe):
+    probe.listen(TwistStamped, 'agent_1/cmd_vel')
+    with Bench(probe, Agent, 1, topology__n=3, measurement_timeout=0.6, rate=20.0) as bench:
+        second, third = (bench.publisher(
+            Vector3Stamped, f'agent_1/relative_attitude/agent_{j}') for j in (2, 3))
+        bench.wait_for(lambda: bench.node.count_subscribers('agent_1/cmd_vel'), 'the probe')
+        answers = probe.received['agent_1/cmd_vel']
+        second.publish(measurement([0.0, 1.0, 0.0], stamp=(7, 0)))
+        third.publish(measurement([0.0, 0.0, 1.0], stamp=(6, 0)))
+        partial = bench.wait_for(lambda: answers and answers[-1], 'a partial answer')
+        assert nanoseconds(partial.header.stamp) == 6_000_000_000, 'as old as its oldest part'
+        stop = bench.wait_for(
+            lambda: (w := answers[-1].twist.angular).x == w.y == w.z == 0.0 and answers[-1],
+            'a stop')
+        assert nanoseconds(stop.header.stamp) == 7_000_000_001
+        status = bench.wait_for(
+            lambda: bench.node.assess()[1].startswith('stopped') and bench.node.assess(), 'it')
+        assert 'agent_2' in status[1]
+        assert 'agent_3' in status[1]
+        # Whoever speaks next is welcome, even with a clock that was started again.
+        second.publish(measurement([0.0, 1.0, 0.0], stamp=(1, 0)))
+        third.publish(measurement([0.0, 0.0, 1.0], stamp=(1, 0)))
+        bench.wait_for(lambda: nanoseconds(answers[-1].header.stamp) == 1_000_000_000
+                       and answers[-1].twist.angular.y != 0.0, 'an answer to the new clock')
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
+def test_the_plant_drops_bad_commands_and_its_state_does_not_move(probe, mode):
+    from diagnostic_msgs.msg import DiagnosticArray
+    probe.listen(DiagnosticArray, REPORT)
+    probe.listen_to_attitudes()
+    with Bench(probe, Plant, mode=mode, seed=1, command_timeout=math.inf) as bench:
+        publisher = bench.publisher(TwistStamped, 'agent_1/cmd_vel')
+        bench.wait_for(probe.stamp, 'a state')
+        start = bench.node.bodies.attitudes[:]
+        now = probe.received['formation/attitudes'][-1].header.stamp
+        for bad, reason in (
+                (command([NAN, 0.0, 0.0], stamp=now), 'not finite'),
+                (command([0.0, INF, 0.0], stamp=now), 'not finite'),
+                (command([1e300, 0.0, 0.0], stamp=now), 'faster than'),
+                (command([1e200, 1e200, 1e200], stamp=now), 'faster than'),
+                (command([0.0, 0.0, 1001.0], stamp=now), 'faster than'),
+                (command([0.0, 1.0, 0.0], frame='agent_2', stamp=now), 'wrong frame'),
+                (command([0.0, 1.0, 0.0], frame='', stamp=now), 'wrong frame')):
+            bench.rejects(publisher, bad, reason)
+        if mode == 'lockstep':
+            later = Time(sec=now.sec + 1000, nanosec=0)
+            bench.rejects(publisher, command([0.0, 1.0, 0.0], stamp=later), 'stamp from the')
+        assert bench.node.bodies.attitudes == start
+        publisher.publish(command([0.0, 1.0, 0.0], stamp=now))
+        if mode == 'realtime':
+            bench.wait_for(lambda: bench.node.bodies.attitudes != start, 'motion')
+            old = Time(sec=now.sec - 1, nanosec=0)
+            bench.rejects(publisher, command([0.0, 9.0, 0.0], stamp=old), 'old stamp')
+            assert bench.node.time._rates[0] == (0.0, 1.0, 0.0)
+        assert np.all(np.isfinite(bench.node.bodies.attitudes))
+        bench.is_reported()
+
+
+def test_the_plant_in_real_time_holds_an_agent_still_when_its_command_is_old(probe):
+    with Bench(probe, Plant, mode='realtime', seed=1, command_timeout=0.2) as bench:
+        probe.listen_to_attitudes()
+        publisher = bench.publisher(TwistStamped, 'agent_2/cmd_vel')
+        bench.wait_for(probe.stamp, 'a state')
+        stamp = probe.received['formation/attitudes'][-1].header.stamp
+        publisher.publish(command([0.0, 0.0, 1.0], frame='agent_2', stamp=stamp))
+        bench.wait_for(lambda: bench.node.time._rates[1] != (0.0, 0.0, 0.0), 'the command')
+        since = bench.node.time.stamp
+        bench.wait_for(lambda: bench.node.time.stamp > since + 300_000_000, 'the time-out')
+        still = bench.node.bodies.attitudes[1]
+        bench.wait_for(lambda: bench.node.time.stamp > since + 500_000_000, 'more time')
+        assert bench.node.bodies.attitudes[1] == still
+        assert 'agent_2' in bench.node.assess()[1]
+
+
+def test_the_plant_takes_best_effort_commands(probe):
+    from rclpy.qos import qos_profile_sensor_data
+    with Bench(probe, Plant, mode='realtime', seed=1, command_timeout=math.inf) as bench:
+        probe.listen_to_attitudes()
+        publisher = probe.node.create_publisher(
+            TwistStamped, 'agent_1/cmd_vel', qos_profile_sensor_data)
+        bench.wait_for(publisher.get_subscription_count, 'the subscription')
+        start = bench.node.bodies.attitudes[0]
+        bench.wait_for(probe.stamp, 'a state')
+
+        def moved():
+            stamp = probe.received['formation/attitudes'][-1].header.stamp
+            publisher.publish(command([0.0, 1.0, 0.0], stamp=stamp))
+            return bench.node.bodies.attitudes[0] != start
+
+        bench.wait_for(moved, 'motion')
+
+
+def test_the_monitor_drops_bad_states(probe):
+    with Bench(probe, Monitor) as bench:
+        publisher = bench.publisher(PoseArray, 'formation/attitudes')
+
+        def state(stamp, *, n=4, frame='world', x=0.6):
+            message = PoseArray()
+            message.header.stamp = Time(sec=stamp)
+            message.header.frame_id = frame
+            from geometry_msgs.msg import Pose
+            for _ in range(n):
+                pose = Pose()
+                pose.position.x, pose.position.y = x, 0.8
+                message.poses.append(pose)
+            return message
+
+        publisher.publish(state(5))
+        bench.wait_for(lambda: bench.node.observer.count == 1, 'the first')
+        for bad, reason in ((state(4), 'old stamp'), (state(6, frame='map'), 'wrong frame'),
+                            (state(6, n=3), 'malformed'), (state(6, x=NAN), 'not finite'),
+                            (state(6, x=0.7), 'not a unit vector')):
+            bench.rejects(publisher, bad, reason)
+        assert bench.node.observer.stamp == 5_000_000_000
+        deadline = time.monotonic() + 30.0
+        while bench.node.observer.stamp != 1_000_000_000:
+            # A plant that was started again, with a clock that was, is believed after a while.
+            assert time.monotonic() < deadline
+            publisher.publish(state(1))
+            spin_some(bench.executor, bench._never, timeout=0.05)
+
+
+def test_quality_of_service_follows_the_standard_override_parameters():
+    with Probe() as probe, Bench(
+            probe, Agent, 1, **{
+                'qos_overrides./agent_1/cmd_vel.publisher.depth': 7,
+                'qos_overrides./agent_1/cmd_vel.publisher.reliability': 'best_effort'}) as bench:
+        publisher, = (p for p in bench.node.outputs if p.topic_name.endswith('cmd_vel'))
+        info, = bench.wait_for(
+            lambda: probe.node.get_publishers_info_by_topic('agent_1/cmd_vel'), 'the agent')
+        assert info.qos_profile.reliability.name == 'BEST_EFFORT'
+        assert publisher is not None
