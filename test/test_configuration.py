@@ -257,7 +257,7 @@ WRONG = [
     ('gain: {kind: gaussian, b: 100.0}', ['gain: ', 'f > 0', '(0, pi)']),
     ('rate: 0.0', ['rate', '0.0 is not valid', 'a number from 0.001']),
     ('rate: fast', ['rate', "'fast' is not valid", 'a number from 0.001']),
-    ('rate:', ['rate', 'None is not valid', 'a number from 0.001']),
+    ('rate:', ['rate', "'' is not valid", 'a number from 0.001']),
     ('mode: real_time', ['mode', "'real_time'", "did you mean 'realtime'?", 'lockstep']),
     ('seed: -2', ['seed', '-2 is not valid', 'from -1']),
     ('seed: 1.5', ['seed', '1.5 is not valid', 'an integer from -1']),
@@ -316,8 +316,8 @@ def test_a_wrong_value_is_refused_with_its_key_and_what_would_be_right(
     ('rate: 5.0\n', ['rate', 'ros__parameters:']),
     ('/**:\n', ['**', 'ros__parameters:']),
     ('/**: {}\n', ['**', 'ros__parameters:']),
-    ('/**:\n  ros__parameters:\n', ['**', 'expected parameters, not None']),
-    ('/**:\n  ros__parameters: [1]\n', ['**', 'expected parameters, not [1]']),
+    ('/**:\n  ros__parameters:\n', ['**', 'expected parameters']),
+    ('/**:\n  ros__parameters: [1]\n', ['**', 'expected parameters']),
     ('/**:\n  parameters:\n    rate: 5.0\n', ['**/parameters', 'ros__parameters:']),
 ])
 def test_what_is_no_parameter_file_is_refused(write, text, fragments):

@@ -177,7 +177,7 @@ def test_under_the_complete_graph_the_potential_never_rises():
 
 @pytest.mark.parametrize('n, gain', [
     *((4, family()) for family in KINDS.values()),
-    (2, Exponential()), (3, Cosine()), (3, Exponential()), (6, Exponential(a=3.0))])
+    (2, Exponential(b=0.5)), (3, Cosine()), (3, Exponential()), (6, Exponential(a=3.0))])
 def test_uniform_starts_reach_the_shape_that_is_known_for_the_complete_graph(n, gain):
     topology = topologies.complete(n)
     q = rotation.random(np.random.default_rng(16), (20, n))

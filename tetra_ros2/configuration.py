@@ -22,6 +22,7 @@ from tetra_ros2.formation.topology import Topology
 from tetra_ros2.parameters import (
     check_parameters,
     ConfigurationError,
+    FORMATION,
     is_ros_parameter,
     nearest,
     PARAMETERS,
@@ -85,22 +86,21 @@ def _topology(values):
         return topologies.rotating(values['topology.k'], values['topology.p'])
     parsed = []
     for index, text in enumerate(edges):
-        key = f'topology.edges[{index}]'
         try:
             i, j, *weight = text.split()
-            edge = (int(i), int(j), *map(float, weight))
+            parsed.append((int(i), int(j), *map(float, weight)))
             if len(weight) > 1:
                 raise ValueError
         except ValueError:
             raise ConfigurationError(
                 f'{text!r} is not valid, expected "i j" or "i j weight", such as "1 2 0.5"',
-                key=key) from None
-        parsed.append(edge)
-        try:
-            topologies.custom(n, parsed)
-        except ValueError as error:
-            raise ConfigurationError(f'{text!r} is not valid: {error}', key=key) from None
-    return topologies.custom(n, parsed)
+                key=f'topology.edges[{index}]') from None
+    try:
+        return topologies.custom(n, parsed)
+    except topologies.EdgeError as error:
+        raise ConfigurationError(
+            f'{edges[error.index]!r} is not valid: {error}',
+            key=f'topology.edges[{error.index}]') from None
 
 
 def _axes(values, n):
@@ -146,6 +146,9 @@ class ParameterFile:
     """
     A checked ROS 2 parameter file.
 
+    It is read as rcl reads it, which is not quite as YAML has it: ``1e2`` is a number, ``1_000``
+    is none, there are no aliases, and what is said twice counts twice.
+
     :param path: the file
     :raises ConfigurationError: if it cannot be read, is not a parameter file, has an unknown
         key, or has a value that is not valid for a node that it applies to
@@ -155,68 +158,62 @@ class ParameterFile:
         self.path = Path(path)
         self._sections = []
         try:
-            content = yaml.safe_load(self.path.read_text(encoding='utf-8'))
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, 'strerror', None) or 'not a text file'
-            raise ConfigurationError(f'cannot be read: {reason}', source=self.path) from None
-        except yaml.YAMLError as error:
-            mark = getattr(error, 'problem_mark', None)
-            place = f' in line {mark.line + 1}, column {mark.column + 1}' if mark else ''
-            problem = getattr(error, 'problem', None) or 'not readable'
-            raise ConfigurationError(
-                f'is not YAML: {problem}{place}', source=self.path) from None
-        if not isinstance(content, dict):
-            raise ConfigurationError(
-                'is not a ROS 2 parameter file, expected "/**:" and "ros__parameters:" above '
-                'the parameters', source=self.path)
-        try:
-            self._read(content, '')
+            self._read(_compose(self.path), '')
             self._check()
         except ConfigurationError as error:
             raise error.at(self.path) from None
 
-    def _read(self, content, prefix):
-        """Collect the sections; namespaces may be written as nested levels."""
-        for name, value in content.items():
-            full = f'{prefix}/{str(name).strip("/")}'
-            if not isinstance(value, dict):
-                raise ConfigurationError(
-                    'expected "ros__parameters:" and the parameters below it', key=full[1:])
-            value = dict(value)
-            if 'ros__parameters' in value:
-                parameters = value.pop('ros__parameters')
-                if not isinstance(parameters, dict):
-                    raise ConfigurationError(
-                        f'expected parameters, not {shown(parameters)}',
-                        key=f'{full[1:]}: ros__parameters')
-                self._sections.append((full, dict(_flatten(parameters))))
-            elif not value:
-                raise ConfigurationError('expected "ros__parameters:" below it', key=full[1:])
-            self._read(value, full)
+    def _read(self, mapping, prefix):
+        """Collect the sections in the order of the file; namespaces may be nested levels."""
+        complete = False
+        for name, node in mapping.value:
+            key = f'{prefix}/{name.value.strip("/")}'
+            if not isinstance(node, yaml.MappingNode) or not (node.value or prefix) or complete:
+                what = 'parameters' if name.value == 'ros__parameters' \
+                    else '"ros__parameters:" and the parameters below it'
+                raise ConfigurationError(f'expected {what}', key=key[1:])
+            if name.value == 'ros__parameters':
+                self._sections.append((prefix, dict(_flatten(node))))
+                complete = True  # as to rcl: further nodes of the level must stand before it
+            else:
+                self._read(node, key)
 
     def _check(self):
         """Check every section, and then what comes together at every node."""
         for pattern, parameters in self._sections:
             kinds = _kinds(pattern)
-            known = {spec.name: spec for kind in kinds for spec in PARAMETERS[kind]}
             for key, value in parameters.items():
+                specs = [spec for kind in kinds for spec in PARAMETERS[kind] if spec.name == key]
+                if kinds and not specs and not is_ros_parameter(key):
+                    known = [spec.name for kind in kinds for spec in PARAMETERS[kind]]
+                    raise ConfigurationError(
+                        f'there is no such parameter{nearest(key, known)}', key=key)
                 if isinstance(value, list) and len({type(item) for item in value}) > 1:
                     raise ConfigurationError(
                         f'{shown(value)} is not valid: ROS 2 wants the elements of a list to '
                         'be of one type, so write 1.0 beside 0.5', key=key)
-                if kinds and key not in known and not is_ros_parameter(key):
-                    raise ConfigurationError(
-                        f'there is no such parameter{nearest(key, known)}', key=key)
+                for spec in specs:
+                    spec.check(value)
+        self._check_nodes()
+
+    def _check_nodes(self):
         n = self.formation().topology.n
-        for i in range(1, n + 1):
-            Formation.from_parameters(self.values('agent', f'/agent_{i}'))
-        initial_attitudes(self.values('plant'), n)
-        self.values('recorder')
         for pattern, _ in self._sections:
             match = re.fullmatch(r'agent_(\d+)', pattern.rsplit('/', 1)[-1])
             if match and not 1 <= int(match[1]) <= n:
                 raise ConfigurationError(
                     f'there is no agent {match[1]} among {n}', key=pattern[1:])
+        checked = set()
+        for kind, name in (('plant', 'plant'), *(('agent', f'agent_{i + 1}') for i in range(n))):
+            values = self.values(kind, f'/{name}')
+            shared = tuple(values[spec.name] for spec in FORMATION)
+            if shared not in checked:
+                checked.add(shared)
+                if (m := Formation.from_parameters(values).topology.n) != n:
+                    raise ConfigurationError(
+                        f'{m} for {name} is not valid, it is {n} for the others',
+                        key='topology.n')
+        initial_attitudes(self.values('plant'), n)
 
     def given(self, full_name):
         """Return the parameters, by name, that the file gives the node ``/namespace/name``."""
@@ -239,17 +236,76 @@ class ParameterFile:
         return check_parameters(node, {k: v for k, v in given.items() if k in specs})
 
     def formation(self):
-        """Return the formation as the monitor is told of it."""
+        """Return the formation, as the monitor is told of it."""
         return Formation.from_parameters(self.values('monitor'))
 
 
-def _flatten(parameters, prefix=''):
+class _Composer(yaml.SafeLoader):
+    """YAML without aliases, as rcl has it."""
+
+    def compose_node(self, parent, index):
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.composer.ComposerError(
+                None, None, 'ROS 2 takes no aliases', self.peek_event().start_mark)
+        return super().compose_node(parent, index)
+
+
+def _compose(path):
+    """Return the mapping at the top of a YAML file, as nodes."""
+    try:
+        node = yaml.compose(path.read_text(encoding='utf-8'), _Composer)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'not a text file'
+        raise ConfigurationError(f'cannot be read: {reason}') from None
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, 'problem_mark', None)
+        place = f' in line {mark.line + 1}, column {mark.column + 1}' if mark else ''
+        problem = getattr(error, 'problem', None) or 'not readable'
+        raise ConfigurationError(f'is not YAML: {problem}{place}') from None
+    if not isinstance(node, yaml.MappingNode):
+        raise ConfigurationError(
+            'is not a ROS 2 parameter file, expected "/**:" and "ros__parameters:" above the '
+            'parameters')
+    return node
+
+
+def _flatten(mapping, prefix=''):
     """Yield (dotted name, value) for nested parameters."""
-    for name, value in parameters.items():
-        if isinstance(value, dict):
-            yield from _flatten(value, f'{prefix}{name}.')
+    for name, node in mapping.value:
+        key = f'{prefix}{name.value}'
+        if isinstance(node, yaml.MappingNode):
+            yield from _flatten(node, f'{key}.')
+        elif isinstance(node, yaml.SequenceNode):
+            if not all(isinstance(item, yaml.ScalarNode) for item in node.value):
+                raise ConfigurationError('a list of lists is not valid', key=key)
+            yield key, [_scalar(item) for item in node.value]
         else:
-            yield f'{prefix}{name}', value
+            yield key, _scalar(node)
+
+
+_TRUE = {'Y', 'y', 'yes', 'Yes', 'YES', 'true', 'True', 'TRUE', 'on', 'On', 'ON'}
+_FALSE = {'N', 'n', 'no', 'No', 'NO', 'false', 'False', 'FALSE', 'off', 'Off', 'OFF'}
+_INTEGER = re.compile(r'[-+]?(0[xX][0-9a-fA-F]+|[0-9]+)')
+_FLOAT = re.compile(r'[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?')
+_SPECIAL = re.compile(r'[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)')
+
+
+def _scalar(node):
+    """Return the value of a scalar as rcl takes it."""
+    text = node.value
+    if node.style in ('"', "'") or (node.tag == 'tag:yaml.org,2002:str' and (
+            node.start_mark.buffer is not None
+            and node.start_mark.buffer[node.start_mark.pointer:].startswith('!!str'))):
+        return text
+    if text in _TRUE or text in _FALSE:
+        return text in _TRUE
+    if _INTEGER.fullmatch(text):
+        digits = text.lstrip('+-')
+        base = 16 if digits[:2] in ('0x', '0X') else 8 if re.fullmatch('0[0-7]+', digits) else 10
+        return int(text, base)
+    if _SPECIAL.fullmatch(text):
+        return float(text.replace('.', ''))
+    return float(text) if _FLOAT.fullmatch(text) else text
 
 
 def _matches(pattern, full_name):
@@ -286,8 +342,11 @@ def find_file(name):
     :raises ConfigurationError: if there is none
     """
     path = Path(name)
-    if path.is_file():
-        return path
+    try:
+        if path.is_file():
+            return path
+    except OSError as error:
+        raise ConfigurationError(f'cannot be read: {error.strerror}', source=name) from None
     shipped = {file.stem: file for file in sorted((share_directory() / 'config').glob('*.yaml'))}
     if str(name) in shipped:
         return shipped[str(name)]

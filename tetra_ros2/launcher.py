@@ -12,6 +12,7 @@ one executor spins them all::
         print(formation.summary().measured.rate)
 """
 
+from collections import Counter
 import time
 
 from rclpy.context import Context
@@ -138,15 +139,14 @@ class Launcher:
             from tetra_ros2.nodes.recorder import Recorder
             # In lockstep the recording is as reproducible as the run if it goes by its time.
             lockstep = self.plant is not None and self.plant.mode == 'lockstep'
-            self.recorder = self._add(Recorder, 'recorder', use_sim_time=lockstep)
+            now = (lambda: self.plant.time.stamp) if lockstep else None
+            self.recorder = self._add(Recorder, 'recorder', now=now)
         self._discover()
         if self.plant is not None:
             self.plant.time.start()
 
-    def _add(self, node_type, kind, *args, use_sim_time=None, **kwargs):
+    def _add(self, node_type, kind, *args, **kwargs):
         overrides = self._overrides(kind)
-        if use_sim_time is not None:
-            overrides['use_sim_time'] = use_sim_time
         node = node_type(
             *args, context=self._context, namespace=self._namespace, **self._for_nodes, **kwargs,
             parameter_overrides=[Parameter(k, value=v) for k, v in overrides.items()])
@@ -159,9 +159,7 @@ class Launcher:
         begun = time.monotonic()
         never = Future(executor=self.executor)
         while (elapsed := time.monotonic() - begun) < DISCOVERY_TIMEOUT:
-            links = self._links()
-            missing = [topic for topic, found in links if found == 0]
-            crowded = [topic for topic, found in links if found > 1]
+            missing, crowded = self._links()
             if crowded and elapsed > FAREWELL_TIMEOUT:
                 raise ConfigurationError(
                     f'somebody else is on {crowded[0]} already; choose another --namespace or '
@@ -174,15 +172,28 @@ class Launcher:
             'interface, if only loopback, and does ROS_AUTOMATIC_DISCOVERY_RANGE allow it?')
 
     def _links(self):
-        """Return for each topic that a node here waits on how many are at its other end."""
-        links = []
-        for node in (*self.agents.values(), self.plant, self.monitor):
-            if node is not None:
-                links += [(s.topic_name, s.get_publisher_count()) for s in node.inputs]
+        """
+        Look at both ends of every topic here, as each end learns of the other by itself.
+
+        :returns: topics on which somebody is still missing, and those on which there is one
+            publisher too many
+        """
+        missing, crowded = [], []
+        listeners = Counter(s.topic_name for node in self.nodes for s in node.inputs)
         if self.recorder is not None:
-            links += [(topic, int(self.recorder.is_recording(topic)))
-                      for topic in {p.topic_name for node in self.nodes for p in node.outputs}]
-        return links
+            offered = {p.topic_name for node in self.nodes for p in node.outputs}
+            missing += offered - {s.topic_name for s in self.recorder.inputs}
+        for node in self.nodes:
+            for publisher in node.outputs:
+                if publisher.get_subscription_count() < listeners[publisher.topic_name]:
+                    missing.append(publisher.topic_name)
+            for subscription in node.inputs if node is not self.recorder else ():
+                count = subscription.get_publisher_count()
+                if count == 0:
+                    missing.append(subscription.topic_name)
+                elif count > 1:
+                    crowded.append(subscription.topic_name)
+        return missing, crowded
 
     @property
     def formation(self):

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import difflib
 import math
+import sys
 
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import topology as topologies
@@ -82,25 +83,33 @@ class Parameter:
         if self.items:
             ok = not isinstance(value, (str, bytes, Mapping)) and isinstance(value, Iterable)
             value = list(value) if ok else value
-            if ok and all(self._is(item, self.items) for item in value):
+            if ok and all(self._is(item, self.items) and self._is_finite(item)
+                          for item in value):
                 return tuple(self.items(item) for item in value)
         elif self._is(value, type(self.default)):
-            value = type(self.default)(value)
             if self.choices:
                 if value in self.choices:
                     return value
-            elif self.minimum is None or self.minimum <= value <= self.maximum:
+            elif self.minimum is None:
                 return value
+            elif self.minimum <= value <= self.maximum and (
+                    value == math.inf or self._is_finite(value)):
+                return type(self.default)(value)
         raise ConfigurationError(
             f'{shown(value)} is not valid{nearest(value, self.choices)}, '
             f'expected {self.expected}', key=self.name)
+
+    @staticmethod
+    def _is_finite(value):
+        """Return whether a number is one that a float can hold; all else is finite enough."""
+        return isinstance(value, str) or abs(value) <= sys.float_info.max
 
     @staticmethod
     def _is(value, kind):
         if isinstance(value, bool) or kind is bool:
             return isinstance(value, bool) and kind is bool
         if kind is float:
-            return isinstance(value, (int, float)) and not math.isnan(value)
+            return isinstance(value, (int, float)) and value == value
         return isinstance(value, kind)
 
 
@@ -126,7 +135,7 @@ FORMATION = (
         'topology.kind', 'complete', 'Who sees whom.', choices=topologies.KINDS),
     Parameter(
         'topology.n', 4, 'Number of agents; the rotating topology needs 4.',
-        minimum=2, maximum=10000),
+        minimum=2, maximum=1000),
     Parameter(
         'topology.k', 1, 'Rotating topology: the agent on the axis of rotation.',
         minimum=1, maximum=4),

@@ -48,6 +48,7 @@ def velocity(gamma, weights, gain):
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :returns: tangent vectors [1/s], ``(..., n, 3)``
     """
+    gamma = np.asarray(gamma, dtype=float)
     theta = sphere.geodesic_distance(gamma[..., :, None, :], gamma[..., None, :, :])
     pull = np.sum((weights * gain.f(theta))[..., None] * gamma[..., None, :, :], axis=-2)
     # Gamma_i x (Gamma_i x v) = -project(Gamma_i, v)

@@ -85,9 +85,16 @@ def mean_angular_velocity(before, after, elapsed):
     """
     Return the constant angular velocity [rad/s] that best takes one sample to the next.
 
+    Points on one line do not tell how they turn about it; they count as not doing so.
+
     :param before: reduced attitudes, ``(..., n, 3)``
     :param after: reduced attitudes, less than half a turn later, ``(..., n, 3)``
     :param elapsed: time between the two [s]
     :returns: in the world frame, ``(..., 3)``
     """
-    return rotation.log(rotation.align(before, after)) / elapsed
+    turn = rotation.align(before, after)
+    first = np.asarray(before, dtype=float)[..., 0, :]
+    on_a_line = np.all(np.linalg.norm(
+        np.cross(first[..., None, :], before), axis=-1) < 1e-9, axis=-1)
+    shortest = rotation.between(first, rotation.rotate(turn, first))
+    return rotation.log(np.where(on_a_line[..., None], shortest, turn)) / elapsed

@@ -149,6 +149,9 @@ def between(x, y):
     normal = np.cross(x, np.eye(3)[np.argmin(np.abs(x), axis=-1)])
     length = np.linalg.norm(axis, axis=-1, keepdims=True)
     axis = sphere.normalize(np.where(length > 0.0, axis, normal))
+    # Of nearly opposite vectors the product is mostly rounding; what is left of it along x would
+    # turn x out of the plane of the two.
+    axis = sphere.normalize(sphere.project(x, axis))
     return exp(sphere.geodesic_distance(x, y)[..., None] * axis)
 
 

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from tetra_ros2.formation import law, measures, rotation
+from tetra_ros2.formation.gain import Cosine
 
 THETA_STAR = math.acos(-1.0 / 3.0)
 """Pairwise angle of the regular tetrahedron [rad]; eq:PF:OmegaT."""
@@ -67,6 +68,23 @@ def known_shape(topology):
         return None
     uniform = np.all(weights == weights[0, 1] * (1.0 - np.eye(n)))
     return {2: ANTIPODAL, 3: TRIANGLE, 6: OCTAHEDRON}.get(n) if uniform else None
+
+
+def reservation(topology, gain):
+    """
+    Say why a gain is a bad choice for a topology although its shape is known, or return None.
+
+    :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    """
+    shape = known_shape(topology)
+    if shape is ANTIPODAL and gain.f(np.pi) < 1e-9 * gain.f(0.0):
+        return ('f(pi) = 0: two agents approach the antipodal pair only algebraically, as '
+                '1 / sqrt(t); the exponential gain gets there')
+    if shape is OCTAHEDRON and isinstance(gain, Cosine):
+        return ('the equilibria of six agents under the cosine gain are a continuum, of which the '
+                'octahedron is but one; the exponential gain gets there')
+    return None
 
 
 def predicted_angular_velocity(gamma, topology, gain):

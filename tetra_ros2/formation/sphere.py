@@ -25,15 +25,16 @@ def geodesic_distance(x, y):
     """
     Return the angle between unit vectors [rad], in [0, pi].
 
-    The arc tangent keeps full relative accuracy near 0 and full absolute accuracy near pi, where
-    the arc cosine of the paper loses half of the digits.
+    Half the angle is that between the diagonal and a side of the rhombus on x and y. So computed
+    it has full relative accuracy near 0 and full accuracy near pi, where the arc cosine of the
+    paper loses half of the digits.
 
     :param x: unit vectors, ``(..., 3)``
     :param y: unit vectors, ``(..., 3)``, broadcast against ``x``
     :returns: angles, ``(...)``
     """
-    sine = np.linalg.norm(np.cross(x, y), axis=-1)
-    return np.arctan2(sine, np.sum(np.asarray(x) * y, axis=-1))
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    return 2.0 * np.arctan2(np.linalg.norm(x - y, axis=-1), np.linalg.norm(x + y, axis=-1))
 
 
 def exp(x, v):

@@ -110,23 +110,31 @@ def custom(n, edges):
 
     :param n: number of agents, at least 2
     :param edges: (i, j) or (i, j, weight): agent i sees agent j
-    :raises ValueError: if an edge is repeated, joins an agent to itself or to one that does not
+    :raises EdgeError: if an edge is repeated, joins an agent to itself or to one that does not
         exist, or has a weight that is zero or not finite
     """
     weights = np.zeros((n, n))
-    for i, j, *rest in edges:
+    for index, (i, j, *rest) in enumerate(edges):
         weight = rest[0] if rest else 1.0
         for agent in (i, j):
             if not 1 <= agent <= n:
-                raise ValueError(f'there is no agent {agent} among {n}')
+                raise EdgeError(index, f'there is no agent {agent} among {n}')
         if i == j:
-            raise ValueError(f'agent {i} cannot see itself')
+            raise EdgeError(index, f'agent {i} cannot see itself')
         if weights[i - 1, j - 1]:
-            raise ValueError(f'agent {i} sees agent {j} more than once')
+            raise EdgeError(index, f'agent {i} sees agent {j} more than once')
         if not (math.isfinite(weight) and weight):
-            raise ValueError(f'a weight must be finite and not 0, not {weight!r}')
+            raise EdgeError(index, f'a weight must be finite and not 0, not {weight!r}')
         weights[i - 1, j - 1] = weight
     return Topology('custom', weights)
+
+
+class EdgeError(ValueError):
+    """An edge that cannot be; ``index`` tells which, from 0."""
+
+    def __init__(self, index, problem):
+        super().__init__(problem)
+        self.index = index
 
 
 KINDS = ('complete', 'rotating', 'custom')

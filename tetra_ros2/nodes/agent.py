@@ -67,6 +67,8 @@ class Agent(FormationNode):
     def close(self):
         """Stop the body, for good: the last command is zero."""
         self._ticker.cancel()
+        while self.inputs:  # nothing may be answered after the last command
+            self.destroy_subscription(self.inputs.pop())
         self._stop()
         self._publisher.wait_for_all_acked(Duration(seconds=0.5))
 

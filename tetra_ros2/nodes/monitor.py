@@ -15,6 +15,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 
 from tetra_ros2.configuration import Formation
+from tetra_ros2.formation import shapes
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.observer import Observer
 from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
@@ -47,6 +48,8 @@ class Monitor(FormationNode):
             self._error = self.offer(Float64, names.ERROR, qos.STATE)
             self._encode_error = cdr.trailing_numbers(serialize_message(Float64()), 1)
         self.report_health()
+        if reservation := shapes.reservation(formation.topology, formation.gain):
+            self.get_logger().warning(reservation)
         self.listen(PoseArray, names.ATTITUDES, self._on_attitudes, qos.STATE)
 
     def _cosines_message(self):

@@ -47,21 +47,23 @@ class Recorder(FormationNode):
     """
     The node ``recorder``; it records from its making to its :meth:`close`.
 
-    With ``use_sim_time`` messages are filed under the time of /clock, and recording begins with
-    the first of it; otherwise under the time of their arrival.
+    Messages are filed under the time of their arrival; with ``use_sim_time`` that is the time of
+    /clock, and recording begins with the first of it.
 
+    :param now: where else to take the time from: returns it in nanoseconds, 0 for not yet
     :param kwargs: what rclpy's Node takes beside its name
     :raises ConfigurationError: if a parameter is not valid, or the output cannot be made; an
         existing path is never written to
     """
 
-    def __init__(self, **kwargs):
+    def __init__(self, *, now=None, **kwargs):
         super().__init__(names.RECORDER, **kwargs)
         values = parameters.declare(self, 'recorder', self._accept, lambda _: None)
         self._wanted = re.compile('|'.join(f'(?:{p})' for p in self._patterns(values)))
         self.path = Path(values['output'] or f'tetra_{datetime.now():%Y_%m_%d-%H_%M_%S}')
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
-        self._subscriptions_by_topic = {}
+        self._now = now or (lambda: self.get_clock().now().nanoseconds)
+        self._recorded = set()
         self._refused = set()
         self._last = 0
         self.counts = {}
@@ -110,15 +112,10 @@ class Recorder(FormationNode):
                 f'{sum(self.counts.values())} messages of {len(self.counts)} topics are in '
                 f'{self.path}')
 
-    def is_recording(self, topic):
-        """Return whether a topic is recorded, and its publisher connected."""
-        subscription = self._subscriptions_by_topic.get(topic)
-        return subscription is not None and subscription.get_publisher_count() > 0
-
     def discover(self):
         """Begin to record those of the wanted topics that have appeared."""
         for topic, types in self.get_topic_names_and_types():
-            if topic in self._subscriptions_by_topic or not self._wanted.fullmatch(topic):
+            if topic in self._recorded or not self._wanted.fullmatch(topic):
                 continue
             publishers = self.get_publishers_info_by_topic(topic)
             if publishers and (topic, types[0]) not in self._refused:
@@ -144,11 +141,13 @@ class Recorder(FormationNode):
                                 ReliabilityPolicy.BEST_EFFORT),
             durability=_common(publishers, 'durability', DurabilityPolicy.TRANSIENT_LOCAL,
                                DurabilityPolicy.VOLATILE))
-        self._subscriptions_by_topic[topic] = self.create_subscription(
+        subscription = self.create_subscription(
             message_type, topic, partial(self._on_message, topic, connection), profile, raw=True)
+        self._recorded.add(topic)
+        self.inputs.append(subscription)
 
     def _on_message(self, topic, connection, message):
-        now = self.get_clock().now().nanoseconds
+        now = self._now()
         if self._writer is None or not now:
             return
         self._last = max(now, self._last)  # the system's clock may be set back; a bag's may not
@@ -159,7 +158,8 @@ class Recorder(FormationNode):
         """Return level, message and figures for the diagnostics."""
         total = sum(self.counts.values())
         values = {'path': self.path, 'topics': len(self.counts), 'messages': total,
-                  **self.health.rates({'message rate [Hz]': total})}
+                  **self.health.rates({'message rate [Hz]': total}),
+                  **{f'messages on {topic}': n for topic, n in self.counts.items()}}
         if not self.counts:
             return diagnostics.WARN, 'no topic to record yet', values
         return diagnostics.OK, 'recording', values
