@@ -36,12 +36,18 @@ setup(
         (f'{share}/launch', sorted(map(str, Path('launch').glob('*.launch.py')))),
     ],
     python_requires='>=3.10',
-    install_requires=['numpy', 'PyYAML', 'rich', 'setuptools'],
+    install_requires=['numpy', 'PyYAML', 'rich'],
     extras_require={
         # For a machine without ROS 2. Whoever has it from apt must not install this.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'record': ['rosbags'],
         'test': [
+            'colcon-bash',
+            'colcon-core',
+            'colcon-library-path',
+            'colcon-recursive-crawl',
+            'colcon-ros',
+            'colcon-test-result',
             'hypothesis',
             'mcap',
             'mcap-ros2-support',
@@ -49,6 +55,7 @@ setup(
             'pytest-timeout',
             'rosbags',
             'ruff',
+            'setuptools',
         ],
     },
     zip_safe=False,

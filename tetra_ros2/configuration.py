@@ -293,9 +293,7 @@ _SPECIAL = re.compile(r'[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)')
 def _scalar(node):
     """Return the value of a scalar as rcl takes it."""
     text = node.value
-    if node.style in ('"', "'") or (node.tag == 'tag:yaml.org,2002:str' and (
-            node.start_mark.buffer is not None
-            and node.start_mark.buffer[node.start_mark.pointer:].startswith('!!str'))):
+    if node.style is not None:  # quoted, or a block of text
         return text
     if text in _TRUE or text in _FALSE:
         return text in _TRUE

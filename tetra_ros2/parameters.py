@@ -246,3 +246,25 @@ def check_parameters(node, given):
 def is_ros_parameter(name):
     """Return whether every rclpy node has a parameter of this name."""
     return name in ROS_PARAMETERS or name.startswith('qos_overrides.')
+
+
+def markdown():
+    """Return tables of all parameters, as they stand in the README."""
+    lines = []
+    shared = {spec.name for spec in FORMATION}
+    for title, specs in (
+            ('all nodes but the recorder', FORMATION),
+            *((kind, [s for s in specs if s.name not in shared])
+              for kind, specs in PARAMETERS.items())):
+        lines += [f'| {title} | default | | |', '|---|---|---|---|']
+        for spec in specs:
+            default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
+            star = '*' if spec.dynamic else ''
+            lines.append(f'| `{spec.name}`{star} | `{default!r}` | {spec.description} '
+                         f'| {spec.expected} |')
+        lines.append('')
+    return '\n'.join(lines)
+
+
+if __name__ == '__main__':
+    print(markdown())

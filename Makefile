@@ -1,0 +1,44 @@
+# `make demo` and `make test` set themselves up: all they want is Python 3.10 to 3.13 with venv.
+# Whoever has ROS 2 from apt builds with colcon instead; see README.md.
+
+PYTHON ?= python3
+VENV := .venv
+# A sourced ROS 2 would get in the way of the one from PyPI.
+CLEAN := env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH
+TETRA := $(CLEAN) $(VENV)/bin/tetra
+
+.PHONY: help demo test lint clean
+
+help:  ## say what can be made
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
+
+demo: $(VENV)/.ros  ## form the complete and then the rotating formation
+	$(TETRA) launcher --config complete
+	$(TETRA) launcher --config rotating
+
+test: $(VENV)/.test  ## run all tests
+	$(CLEAN) $(VENV)/bin/ruff check .
+	$(CLEAN) $(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+
+lint: $(VENV)/.test  ## check the style
+	$(CLEAN) $(VENV)/bin/ruff check .
+
+clean:  ## remove what was made here
+	rm -rf $(VENV) build install log .pytest_cache .ruff_cache .hypothesis *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, 14))' || \
+	  { echo "Python 3.10 to 3.13 is needed, $(PYTHON) is $$($(PYTHON) --version 2>&1);" \
+	    "name another: make PYTHON=python3.12 ..." >&2; exit 2; }
+	@$(PYTHON) -m venv $(VENV) || \
+	  { rm -rf $(VENV); echo "venv is missing: apt install python3-venv" >&2; exit 2; }
+
+# Editable, so that a change needs no new installation.
+$(VENV)/.ros: setup.py | $(VENV)/bin/python
+	$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[ros,record]'
+	@touch $@
+
+$(VENV)/.test: setup.py | $(VENV)/bin/python
+	$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[ros,test]'
+	@touch $@ $(VENV)/.ros
