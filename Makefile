@@ -13,8 +13,10 @@ help:  ## say what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
 
 demo: $(VENV)/.ros  ## form the complete and then the rotating formation
-	$(TETRA) launcher --config complete
-	$(TETRA) launcher --config rotating
+	@echo '$$ tetra launcher --config complete'
+	@$(TETRA) launcher --config complete
+	@echo; echo '$$ tetra launcher --config rotating'
+	@$(TETRA) launcher --config rotating
 
 test: $(VENV)/.test  ## run all tests
 	$(CLEAN) $(VENV)/bin/ruff check .
