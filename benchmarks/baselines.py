@@ -12,8 +12,8 @@ the limit of what rclpy and DDS can do: constant bytes, raw subscriptions, the e
 import struct
 
 from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message

@@ -51,7 +51,7 @@ class Plant(FormationNode):
         self.bodies = RigidBodies(self._initial_attitudes(), self.formation.axes)
 
         self._state_publisher = self.offer(PoseArray, names.ATTITUDES, qos.STATE)
-        self._encode_state = cdr.pose_array(names.WORLD, n).encode
+        self._state = cdr.pose_array(names.WORLD, n)
         # For each agent that sees anybody: its index, whom it sees, the publishers, the codec.
         self._sensors = []
         for i in range(1, n + 1):
@@ -61,7 +61,7 @@ class Plant(FormationNode):
                 for j in neighbors]
             if neighbors:
                 self._sensors.append((i - 1, [j - 1 for j in neighbors], publishers,
-                                      cdr.vector3_stamped(names.body_frame(i)).encode))
+                                      cdr.vector3_stamped(names.body_frame(i)).encoder))
         for i in range(1, n + 1):
             decode = cdr.twist_stamped(names.body_frame(i)).decode
             self.listen(TwistStamped, names.cmd_vel(i), partial(self._on_command, i - 1, decode),
@@ -111,10 +111,13 @@ class Plant(FormationNode):
         for position, orientation in zip(bodies.reduced, bodies.attitudes):
             state += position
             state += orientation
-        self._state_publisher.publish(self._encode_state(stamp, *state))
-        for i, others, publishers, encode in self._sensors:
+        head = cdr.head(stamp)
+        prefix, pack = self._state.encoder(head)
+        self._state_publisher.publish(prefix + pack(*state))
+        for i, others, publishers, encoder in self._sensors:
+            prefix, pack = encoder(head)
             for publish, seen in zip(publishers, bodies.seen_by(i, others)):
-                publish(encode(stamp, *seen))
+                publish(prefix + pack(*seen))
 
     def _on_command(self, i, decode, message):
         try:
