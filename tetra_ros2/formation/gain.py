@@ -62,6 +62,10 @@ class Cosine(Gain):
         """Return f'(theta) [1/s]."""
         return -self.a * xp.sin(theta)
 
+    def of_cosine(self, cosine):
+        """Return F(c) [rad/s]."""
+        return self.a * (1.0 + cosine)
+
 
 class Exponential(Gain):
     """The paper's gain a exp(-b theta), with b = 1 there."""

@@ -113,10 +113,11 @@ def linearization(gamma, weights, gain, bases, spin=None):
 
 def rotations(gamma, bases):
     """
-    Return what the three rotations of the whole do to it in tangent coordinates, ``(..., 2 n, 3)``.
+    Return what the three rotations of the whole do to it, in tangent coordinates.
 
     :param gamma: reduced attitudes, ``(..., n, 3)``
     :param bases: of :func:`tangent_basis`
+    :returns: ``(..., 2 n, 3)``
     """
     moved = np.cross(np.eye(3)[:, None, :], gamma[..., None, :, :])  # (..., 3, n, 3)
     small = np.einsum('...iap,...eia->...ipe', bases, moved)
@@ -161,7 +162,7 @@ def inertia(eigenvalues):
     """Return how many eigenvalues have a positive, a zero and a negative real part."""
     real = np.real(eigenvalues)
     zero = np.abs(real) <= ZERO * max(1e-300, float(np.max(np.abs(eigenvalues), initial=0.0)))
-    return (int(np.sum((real > 0.0) & ~zero)), int(np.sum(zero)), int(np.sum((real < 0.0) & ~zero)))
+    return tuple(int(np.sum(which)) for which in ((real > 0) & ~zero, zero, (real < 0) & ~zero))
 
 
 def transverse(gamma, weights, gain):
@@ -387,3 +388,23 @@ def angle_linearization(gamma, weights, gain):
 def mirrored(gamma):
     """Return the mirror image in the plane x-z, of the other chirality, ``(..., n, 3)``."""
     return np.asarray(gamma) * [1.0, -1.0, 1.0]
+
+
+def rotating_spectrum(gain):
+    """
+    Return the transverse spectrum at the tetrahedron under the rotating graph [1/s], ``(5,)``.
+
+    The paper says of it that it is Hurwitz (thm:RF:LocalStable). The cycle of three splits the
+    cosines into sectors: one real eigenvalue, ``-(4/3) F - (8/9) F'``, and the two of a matrix
+    on the sector that turns by a third of a circle per agent, with their conjugates. A sixth
+    one of the xi_s dynamics, -4 F, leaves the surface of the Gram identity, as -8 F does in
+    :func:`complete_cosine_spectrum`.
+    """
+    f, slope = gain.of_cosine(-1.0 / 3.0), gain.of_cosine_derivative(-1.0 / 3.0)
+    r = 1j * np.sqrt(3.0)
+    sector = (f * np.array([[-2.0 / 3.0 - r / 2.0, -7.0 / 12.0 + r / 4.0],
+                            [-1.0 / 3.0 - r / 3.0, -2.0 / 3.0 + r / 3.0]])
+              + slope * np.array([[-10.0 / 9.0, 4.0 / 9.0],
+                                  [1.0 / 9.0 + r / 9.0, -10.0 / 9.0 + 2.0 * r / 9.0]]))
+    pair = np.linalg.eigvals(sector)
+    return np.array([-4.0 / 3.0 * f - 8.0 / 9.0 * slope, *pair, *np.conj(pair)])
