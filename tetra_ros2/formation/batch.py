@@ -10,7 +10,7 @@ are orthogonal to the pointing axes, so a held command moves Gamma along a great
 """
 
 from collections import namedtuple
-from functools import lru_cache
+from functools import cache
 import math
 
 import numpy as np
@@ -98,7 +98,7 @@ def compiled(gain):
     return run_compiled
 
 
-@lru_cache(maxsize=None)
+@cache
 def _kernel(family, n):
     # A constant n lets the compiler unroll the loops over agents.
     from numba import njit
@@ -132,7 +132,7 @@ def _kernel(family, n):
                 order[q] = order[q - 1]
                 q -= 1
             order[q] = value
-        for p in range(m):
+        for p in range(m):  # noqa: SIM110, numba has no generators here
             if not least[p] <= order[p] <= most[p]:
                 return False
         return True

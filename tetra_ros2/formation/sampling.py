@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from tetra_ros2.formation import law, measures, rotation, sphere
-from tetra_ros2.formation.stability import complement
+from tetra_ros2.formation.stability import complement, tangent_basis
 
 STEP = 1e-5
 """Of central differences: their error of 1e-10 is far below what decides about stability."""
@@ -199,16 +199,30 @@ class SampledEquilibrium:
             matrix = matrix @ matrix
         attitude_covariance = across[:m] @ covariance @ across[:m].T
 
-        def angles(x):
-            moved = rotation.multiply(self.attitudes, rotation.exp(x.reshape(-1, m // 3, 3)))
-            return measures.pairwise_angles(rotation.rotate(moved, AXIS))
+        gamma = self.gamma
+        i, j = np.triu_indices(len(gamma), k=1)
+        aligned = np.sum(gamma[i] * gamma[j], axis=1)
+        bases = tangent_basis(gamma)[i]
 
-        slope = _derivative(angles, np.zeros(m))
-        angle_covariance = slope @ attitude_covariance @ slope.T
-        values, vectors = np.linalg.eigh(angle_covariance)
+        def deviations(x):
+            """Return two numbers for each pair, the norm of which is what its angle is off."""
+            moved = rotation.rotate(rotation.multiply(
+                self.attitudes, rotation.exp(x.reshape(-1, m // 3, 3))), AXIS)
+            angle = sphere.geodesic_distance(moved[:, i], moved[:, j])
+            # At 0 and at pi an angle can only go one way: there it takes the two components.
+            apart = np.einsum('pac,kpa->kpc', bases,
+                              moved[:, j] - np.sign(aligned)[:, None] * moved[:, i])
+            plain = np.stack([angle, np.zeros_like(angle)], axis=-1)
+            straight = np.abs(aligned) > 1.0 - 1e-9
+            return np.where(straight[:, None], apart, plain).reshape(len(x), -1)
+
+        slope = _derivative(deviations, np.zeros(m))
+        values, vectors = np.linalg.eigh(slope @ attitude_covariance @ slope.T)
         normal = np.random.default_rng(seed).standard_normal((draws, len(values)))
         drawn = normal * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-        return np.sqrt(np.diag(angle_covariance)), float(np.mean(np.max(np.abs(drawn), axis=1)))
+        size = np.linalg.norm(drawn.reshape(draws, -1, 2), axis=-1)
+        spread = np.diag(slope @ attitude_covariance @ slope.T).reshape(-1, 2).sum(axis=1)
+        return np.sqrt(spread), float(np.mean(np.max(size, axis=1)))
 
 
 AXIS = np.array([1.0, 0.0, 0.0])
