@@ -36,6 +36,7 @@ from tetra_ros2.formation import (
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.tools import runs
+from tetra_ros2.tools.confidence import lower_bound
 
 THIRD = -1.0 / 3.0
 TETRAHEDRON = shapes.TETRAHEDRON.points
@@ -926,29 +927,6 @@ def _polynomials(subject):
     solved = solved[np.all(solved <= 2.0 * a, axis=-1)]
     return vanishes(solved - 2.0 * a / 3.0 if len(solved) else math.nan, 1e-6,
                     f'{len(solved)} solutions with 0 < f_ij <= 2a')
-
-
-def lower_bound(formed, starts, confidence=0.95):
-    """
-    Return below which fraction the chance to form is not, with a confidence (Clopper-Pearson).
-
-    :param formed: how many did
-    :param starts: of how many
-    """
-    if formed == 0:
-        return 0.0
-    if formed == starts:
-        return (1.0 - confidence) ** (1.0 / starts)
-    terms = np.arange(formed, starts + 1)
-    choose = np.array([math.lgamma(starts + 1) - math.lgamma(k + 1) - math.lgamma(starts - k + 1)
-                       for k in terms])
-    low, high = 0.0, formed / starts
-    for _ in range(60):
-        p = 0.5 * (low + high)
-        tail = float(np.sum(np.exp(choose + terms * math.log(p) + (starts - terms)
-                                   * math.log1p(-p))))
-        low, high = (p, high) if tail < 1.0 - confidence else (low, p)
-    return low
 
 
 def _forms(subject, graph, which, starts):
