@@ -35,9 +35,11 @@ class _Keeper(Observer):
         self.stamps, self.samples = [], []
 
     def observe(self, stamp, poses):
-        super().observe(stamp, poses)
-        self.stamps.append(stamp)
-        self.samples.append(poses)
+        new = super().observe(stamp, poses)
+        if new:
+            self.stamps.append(stamp)
+            self.samples.append(poses)
+        return new
 
 
 def node_parameters(topology, gain):
