@@ -99,7 +99,7 @@ class _Measured:
     def __init__(self, subject, graph, which, run):
         import numpy as np
 
-        from tetra_ros2.formation import measures, shapes, stability
+        from tetra_ros2.formation import measures, sampling, shapes, stability
         from tetra_ros2.tools.runs import decay_rate
         self.graph, self.which, self.run = graph, which, run
         self.topology, self.gain = getattr(subject, graph), subject.gains[which]
@@ -108,13 +108,17 @@ class _Measured:
         spectrum = stability.transverse(
             shapes.TETRAHEDRON.points, self.topology.weights, self.gain).eigenvalues
         self.predicted_rate = float(-np.max(spectrum.real))
+        there = sampling.sampled_equilibrium(
+            run.gamma[-1], self.topology.weights, self.gain, run.h)
+        self.sampled_rate = float(-np.log(abs(there.multipliers()[0])) / run.h)
         self.measured_rate = decay_rate(run, self.topology, self.gain)
         spin = measures.mean_angular_velocity(run.gamma[-51], run.gamma[-1], 50 * run.h)
         self.measured_spin = float(spin @ run.gamma[-1, 0])
         self.predicted_spin = float(shapes.predicted_angular_velocity(
             run.gamma[-1], self.topology, self.gain) @ run.gamma[-1, 0])
         self.text = (f'slowest rate {self.measured_rate:.4f} 1/s measured, '
-                     f'{self.predicted_rate:.4f} 1/s predicted')
+                     f'{self.predicted_rate:.4f} 1/s predicted, {self.sampled_rate:.4f} 1/s '
+                     'with sampling')
         if graph == 'rotating':
             self.text += (f'; spin {self.measured_spin:+.6f} rad/s measured, '
                           f'{self.predicted_spin:+.6f} rad/s predicted; one turn in '
@@ -264,8 +268,9 @@ def _convergence(axes, result, letter):
     axes.semilogy(times, error, color='black')
     axes.set(ylim=(1e-10, 10.0), ylabel=r'$\max|\theta_{ij} - \theta^*|$ [rad]')
     axes.text(0.97, 0.93, f'slowest rate [1/s]\nmeasured {result.measured_rate:.4f}\n'
-              f'predicted {result.predicted_rate:.4f}', transform=axes.transAxes, va='top',
-              ha='right', fontsize=7)
+              f'predicted {result.predicted_rate:.4f}\n'
+              f'sampled at {1.0 / result.run.h:g} Hz {result.sampled_rate:.4f}',
+              transform=axes.transAxes, va='top', ha='right', fontsize=7)
     _time_axis(axes, result)
     _title(axes, f'({letter}) formation error, $f_{result.which + 1}$')
 
@@ -300,13 +305,13 @@ def _rotating(results):
         period = 2.0 * np.pi / abs(result.predicted_spin)
         end = result.run.times[-1]
         panels[2].annotate(
-            '', (end - period, -0.93), (end, -0.93),
+            '', (end - period, -1.3), (end, -1.3),
             arrowprops={'arrowstyle': '<->', 'linewidth': 0.7, 'shrinkA': 0, 'shrinkB': 0})
         panels[2].text(
-            end - 0.5 * period, -0.88, f'one turn: predicted {period:.2f} s, measured '
-            f'{2.0 * np.pi / abs(result.measured_spin):.2f} s', ha='center', va='bottom',
-            fontsize=6.5, bbox={'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.75,
-                                'pad': 1.0})
+            end, -1.42, f'one turn: {period:.2f} s predicted, '
+            f'{2.0 * np.pi / abs(result.measured_spin):.2f} s measured ', ha='right', va='top',
+            fontsize=6.5)
+        panels[2].set_ylim(-1.85, 1.08)
     _agents_legend(figure)
     return figure
 
