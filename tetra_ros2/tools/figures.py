@@ -132,7 +132,7 @@ def _measure(subject, graph, which, arguments):
     return _Measured(subject, graph, which, run)
 
 
-def _continuous(run, topology, gain, substeps=4):
+def _continuous(run, topology, gain, substeps=2):
     """Return the closed loop's own solution at the times of a run, ``(k, n, 3)``."""
     import numpy as np
 
