@@ -41,6 +41,9 @@ setup(
         # For a machine without ROS 2. Whoever has it from apt must not install this.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'record': ['rosbags'],
+        'analysis': ['matplotlib'],
+        'study': ['numba', 'pyarrow'],
+        'cluster': ['distributed'],
         'test': [
             'colcon-bash',
             'colcon-core',

@@ -11,6 +11,8 @@ import argparse
 import json
 import sys
 
+from tetra_ros2.tools import analyze, figures, study, verify
+
 
 class _Parser(argparse.ArgumentParser):
     """A parser whose messages have the form of all others of this package."""
@@ -118,6 +120,16 @@ COMMANDS = {
     'launcher': (_launcher_arguments, _launcher, 'all of them in one process, and a summary'),
 }
 
+TOOLS = {
+    'verify': (verify, 'check every claim of the paper'),
+    'analyze': (analyze, 'rates, limits and errors that theory predicts for a configuration'),
+    'study': (study, 'follow very many random starts, and say how many form and when'),
+    'figures': (figures, "draw the paper's simulation figures from runs of the nodes"),
+}
+"""Modules with ``add_arguments(parser)`` and ``run(arguments)``, which import late too."""
+
+INTERRUPTED = 130
+
 
 def _split(argv):
     """Return the arguments that are ours and those between ``--ros-args`` and ``--``."""
@@ -147,9 +159,14 @@ def main(argv=None):
     for name, (add_arguments, _, text) in COMMANDS.items():
         sub = commands.add_parser(name, help=text, description=f'{text[0].upper()}{text[1:]}.')
         add_arguments(sub)
+    for name, (tool, text) in TOOLS.items():
+        sub = commands.add_parser(name, help=text, description=f'{text[0].upper()}{text[1:]}.')
+        tool.add_arguments(sub)
     arguments = parser.parse_args(ours)
     from tetra_ros2.parameters import ConfigurationError
     try:
+        if arguments.command in TOOLS:
+            return TOOLS[arguments.command][0].run(arguments)
         config = _check_config(arguments)
         if arguments.namespace and arguments.command != 'launcher':
             ros = [*ros, '-r', f'__ns:=/{arguments.namespace.strip("/")}']
@@ -157,6 +174,8 @@ def main(argv=None):
     except ConfigurationError as error:
         print(f'tetra: error: {error}', file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        return INTERRUPTED
     except ModuleNotFoundError as error:
         if hint := _INSTALL.get((error.name or '').partition('.')[0]):
             print(f'tetra: error: {error.name} is not installed: {hint}', file=sys.stderr)
@@ -165,6 +184,7 @@ def main(argv=None):
 
 
 _INSTALL = {
+    'matplotlib': "the figures need it: pip install 'tetra_ros2[analysis]'",
     'rclpy': "source a ROS 2 installation, or without one: pip install 'tetra_ros2[ros]'",
     'rosbags': 'recording needs it: pip install rosbags',
 }

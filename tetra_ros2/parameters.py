@@ -197,6 +197,15 @@ PLANT = FORMATION + (
         'republish_period', 0.1, 'Lockstep: how long to wait before the measurements of a step '
         'are sent again [s].', minimum=1e-3, maximum=60.0),
     Parameter(
+        'measurement_noise', 0.0, 'Standard deviation of a measured direction, per axis [rad].',
+        minimum=0.0, maximum=1.0),
+    Parameter(
+        'measurement_delay', 0.0, 'How old the measurements are when they are sent [s]; rounded '
+        'up to whole steps.', minimum=0.0, maximum=60.0),
+    Parameter(
+        'measurement_loss', 0.0, 'Probability that a measurement is lost, and the one before it '
+        'sent again.', minimum=0.0, maximum=1.0),
+    Parameter(
         'duration', 0.0, 'Pause when so much formation time has passed [s]; 0 for never.',
         minimum=0.0, maximum=1e9),
 )

@@ -41,6 +41,15 @@ class Gain(ABC):
     def derivative(self, theta, xp=np):
         """Return f'(theta) [1/s], of the shape of ``theta`` [rad]."""
 
+    def of_cosine(self, cosine):
+        """Return F(c) = f(arccos c) [rad/s], the gain over the cosine; eq:SF:newCorDynf1Detial."""
+        return self.f(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+    def of_cosine_derivative(self, cosine):
+        """Return F'(c) = -f'(theta) / sin(theta) [1/s], for c in (-1, 1)."""
+        theta = np.arccos(np.clip(cosine, -1.0, 1.0))
+        return -self.derivative(theta) / np.sin(theta)
+
 
 class Cosine(Gain):
     """The paper's gain a (1 + cos theta), As:SFG:f, with almost global convergence proven."""
@@ -52,6 +61,10 @@ class Cosine(Gain):
     def derivative(self, theta, xp=np):
         """Return f'(theta) [1/s]."""
         return -self.a * xp.sin(theta)
+
+    def of_cosine(self, cosine):
+        """Return F(c) [rad/s]."""
+        return self.a * (1.0 + cosine)
 
 
 class Exponential(Gain):

@@ -15,6 +15,7 @@ import numpy as np
 from tetra_ros2.formation import law, rotation
 from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.formation.controller import Controller
+from tetra_ros2.formation.sensing import Sensors
 
 
 class SampledLoop:
@@ -25,9 +26,11 @@ class SampledLoop:
     :param axes: pointing axes in the body frames, unit vectors, ``(n, 3)``
     :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param sensing: what :class:`~tetra_ros2.formation.sensing.Sensors` takes beside the bodies,
+        for measurements that are not perfect
     """
 
-    def __init__(self, attitudes, axes, topology, gain):
+    def __init__(self, attitudes, axes, topology, gain, **sensing):
         self.bodies = RigidBodies(attitudes, axes)
         self.steps = 0
         self._seen = []
@@ -37,14 +40,18 @@ class SampledLoop:
             self._seen.append([j - 1 for j, _ in neighbors])
             self._controllers.append(
                 Controller(self.bodies.axes[i - 1], [weight for _, weight in neighbors], gain))
+        self._sensors = Sensors(self.bodies.seen_by, self._seen, **sensing) if sensing else None
 
     def advance(self, h, steps=1):
         """Take a number of steps of length h [s]."""
+        seen_by = self.bodies.seen_by if self._sensors is None else self._sensors.seen_by
         for _ in range(steps):
             self.steps += 1
+            if self._sensors is not None:
+                self._sensors.sample(self.steps)
             rates = [(0.0, 0.0, 0.0)] * len(self._controllers)
             for i, controller in enumerate(self._controllers):
-                for slot, seen in enumerate(self.bodies.seen_by(i, self._seen[i])):
+                for slot, seen in enumerate(seen_by(i, self._seen[i])):
                     rate = controller.receive(slot, self.steps, seen, 0.0)
                     if rate is not None:
                         rates[i] = rate

@@ -20,6 +20,7 @@ from tetra_ros2.configuration import Formation, initial_attitudes
 from tetra_ros2.formation import rotation
 from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.formation.checks import Rejected, require_rate
+from tetra_ros2.formation.sensing import delay_in_steps, Sensors
 from tetra_ros2.nodes.timekeepers import Lockstep, RealTime
 from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
 from tetra_ros2.ros.node import FormationNode
@@ -62,6 +63,7 @@ class Plant(FormationNode):
             if neighbors:
                 self._sensors.append((i - 1, [j - 1 for j in neighbors], publishers,
                                       cdr.vector3_stamped(names.body_frame(i)).encoder))
+        self._imperfect = self._make_imperfect_sensors(values)
         for i in range(1, n + 1):
             decode = cdr.twist_stamped(names.body_frame(i)).decode
             self.listen(TwistStamped, names.cmd_vel(i), partial(self._on_command, i - 1, decode),
@@ -79,6 +81,18 @@ class Plant(FormationNode):
         self._apply(values)
         if start:
             self.time.start()
+
+    def _make_imperfect_sensors(self, values):
+        """Return sensors with the faults that were asked for, or None if none were."""
+        noise, loss = values['measurement_noise'], values['measurement_loss']
+        delay = delay_in_steps(values['measurement_delay'], 1.0 / values['rate'])
+        if not (noise or delay or loss):
+            return None
+        others = [None] * self._topology.n
+        for i, seen, *_ in self._sensors:
+            others[i] = seen
+        return Sensors(self.bodies.seen_by, others, noise=noise, delay=delay, loss=loss,
+                       seed=max(self.seed, 0))
 
     @property
     def start_description(self):
@@ -114,9 +128,14 @@ class Plant(FormationNode):
         head = cdr.head(stamp)
         prefix, pack = self._state.encoder(head)
         self._state_publisher.publish(prefix + pack(*state))
+        sensors = self._imperfect
+        if sensors is None:
+            sensors = bodies
+        else:
+            sensors.sample(stamp)
         for i, others, publishers, encoder in self._sensors:
             prefix, pack = encoder(head)
-            for publish, seen in zip(publishers, bodies.seen_by(i, others)):
+            for publish, seen in zip(publishers, sensors.seen_by(i, others)):
                 publish(prefix + pack(*seen))
 
     def _on_command(self, i, decode, message):
@@ -137,6 +156,8 @@ class Plant(FormationNode):
     def reset(self):
         """Go back to the initial condition, or to a new random one; time goes on."""
         self.bodies = RigidBodies(self._initial_attitudes(), self.formation.axes)
+        if self._imperfect is not None:
+            self._imperfect.restart(self.bodies.seen_by)
         self.time.state_changed()
 
     def _on_pause(self, request, response):

@@ -1,0 +1,61 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The batch of the sampled loop: numpy and numba, and against the loop of one formation."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from tetra_ros2.formation import batch, gain, rotation, shapes, topology
+from tetra_ros2.formation.observer import Observer
+from tetra_ros2.formation.simulation import SampledLoop
+
+GRAPHS = (topology.complete(4), topology.rotating(), topology.complete(3), topology.complete(6))
+AXIS = (1.0, 0.0, 0.0)
+
+
+def starts(n, count=40, seed=0):
+    return rotation.random(np.random.default_rng(seed), (count, n))
+
+
+@pytest.mark.parametrize('family', gain.KINDS.values(), ids=gain.KINDS)
+@pytest.mark.parametrize('graph', GRAPHS, ids=lambda graph: f'{graph.kind}{graph.n}')
+def test_compiled_and_plain_agree_to_rounding(graph, family):
+    chosen = family(1.2, 0.8)
+    gamma = rotation.rotate(starts(graph.n), AXIS)
+    given = (gamma, graph.weights, chosen, shapes.known_shape(graph).angles, 1e-3, 0.02, 300, 40)
+    formed, last = batch.compiled(chosen)(*given)
+    expected_formed, expected_last = batch.run(*given)
+    assert np.array_equal(formed, expected_formed)
+    assert np.max(np.abs(last - expected_last)) < 1e-12
+
+
+def test_it_tells_the_time_to_form_as_the_observer_does():
+    graph, chosen, h = topology.rotating(), gain.Cosine(), 0.01
+    attitudes = starts(4, 5)
+    formed, _ = batch.run(rotation.rotate(attitudes, AXIS), graph.weights, chosen,
+                          shapes.TETRAHEDRON.angles, 1e-3, h, 3000, 100)
+    for start, step in zip(attitudes, formed):
+        loop = SampledLoop(start, [AXIS] * 4, graph, chosen)
+        observer = Observer(graph, 1e-3)
+        for k in range(step + 101):
+            observer.observe(k + 1, sum(
+                (p + q for p, q in zip(loop.bodies.reduced, loop.bodies.attitudes)), ()))
+            loop.advance(h)
+        assert observer.formed_at - observer.started_at == step
+
+
+def test_a_start_that_does_not_form_is_told():
+    graph = topology.complete(4)
+    together = np.tile(AXIS, (3, 4, 1))
+    formed, last = batch.compiled(gain.Cosine())(
+        together, graph.weights, gain.Cosine(), shapes.TETRAHEDRON.angles, 1e-3, 0.01, 50, 5)
+    assert np.all(formed == batch.NEVER)
+    assert np.array_equal(last, together)
+
+
+def test_without_numba_there_is_numpy(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'numba', None)
+    assert batch.fastest()(gain.Cosine()) is batch.run

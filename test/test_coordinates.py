@@ -1,0 +1,121 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The coordinates of the paper: what defines them, and where they are singular."""
+
+import numpy as np
+import pytest
+
+from tetra_ros2.formation import coordinates, law, measures, shapes, sphere, topology
+from tetra_ros2.formation.gain import Cosine, Exponential
+
+RNG = np.random.default_rng(3)
+FORMATIONS = sphere.random(RNG, (500, 4))
+GRAPHS = (topology.complete(4), topology.rotating(3, 0))
+
+
+def test_angles_and_points_are_inverse_to_each_other():
+    points = FORMATIONS.reshape(-1, 3)
+    assert np.allclose(coordinates.from_angles(*coordinates.angles(points)), points, atol=1e-15)
+
+
+@pytest.mark.parametrize('pole', [1.0, -1.0])
+def test_longitude_is_zero_at_both_poles(pole):
+    phi, psi = coordinates.angles(np.array([0.0, 0.0, pole]))
+    assert psi == 0.0
+    assert phi == pytest.approx(pole * np.pi / 2.0)
+
+
+def test_the_point_that_the_paper_calls_singular_is_not():
+    tiny = 1e-6
+    _, psi = coordinates.angles(sphere.normalize(np.array([1.0, tiny, 0.0])))
+    assert psi == pytest.approx(tiny)
+
+
+def test_xi_and_the_chirality_give_the_formation_back():
+    back = coordinates.inverse(
+        coordinates.transform(FORMATIONS), measures.chirality(FORMATIONS))
+    assert np.max(np.abs(back - FORMATIONS)) < 1e-9
+
+
+def test_xi_does_not_tell_a_formation_from_its_mirror_image():
+    xi = coordinates.transform(FORMATIONS)
+    image = coordinates.inverse(xi, -measures.chirality(FORMATIONS))
+    assert np.allclose(coordinates.transform(image), xi, atol=1e-7)
+    assert np.max(np.abs(image - FORMATIONS)) > 0.1
+
+
+@pytest.mark.parametrize('case', ['first at a pole', 'second at a pole', 'same', 'opposite'])
+def test_singular_formations_come_back_too(case):
+    formation = FORMATIONS[0].copy()
+    if case == 'first at a pole':
+        formation[0] = coordinates.NORTH
+    elif case == 'second at a pole':
+        formation[1] = -coordinates.NORTH
+    else:
+        formation[1] = formation[0] * (1.0 if case == 'same' else -1.0)
+        # The angle gamma is 0 by definition: only a formation that lies so comes back as it was.
+        formation = coordinates.inverse(
+            coordinates.transform(formation), measures.chirality(formation))
+    back = coordinates.inverse(coordinates.transform(formation), measures.chirality(formation))
+    assert np.max(np.abs(back - formation)) < 1e-7
+
+
+def test_cosines_of_no_formation_are_refused():
+    with pytest.raises(ValueError, match='no four points'):
+        coordinates.inverse(np.array([-0.9] * 6 + [0.0] * 3), 1)
+
+
+def test_a_normalised_formation_has_the_first_agent_at_the_north_pole():
+    shape = coordinates.normalized(FORMATIONS)
+    assert np.allclose(shape[:, 0], coordinates.NORTH, atol=1e-14)
+    assert np.allclose(shape[:, 1, 1], 0.0, atol=1e-14)
+    assert np.all(shape[:, 1, 0] >= 0.0)
+    assert np.allclose(measures.pairwise_cosines(shape), measures.pairwise_cosines(FORMATIONS))
+
+
+def test_the_normalised_tetrahedron_is_the_reference_shape():
+    assert np.allclose(coordinates.normalized(shapes.TETRAHEDRON.points),
+                       shapes.TETRAHEDRON.points, atol=1e-15)
+
+
+@pytest.mark.parametrize('graph', GRAPHS, ids=lambda graph: graph.kind)
+@pytest.mark.parametrize('gain', [Cosine(1.3), Exponential(0.7, 1.1)])
+def test_the_cosines_obey_an_equation_of_their_own(graph, gain):
+    velocity = law.velocity(FORMATIONS, graph.weights, gain)
+    i, j = np.triu_indices(4, k=1)
+    chain_rule = np.sum(velocity[:, i] * FORMATIONS[:, j] + FORMATIONS[:, i] * velocity[:, j], -1)
+    cosines = measures.pairwise_cosines(FORMATIONS)
+    assert np.allclose(
+        coordinates.cosine_velocity(cosines, graph.weights, gain), chain_rule, atol=1e-13)
+    if graph.kind == 'complete':
+        h = coordinates.h(cosines)
+        assert np.allclose(np.einsum('kij,kj->ki', h, gain.of_cosine(cosines)), chain_rule,
+                           atol=1e-13)
+
+
+def test_so_do_those_of_six_agents():
+    graph, gain = topology.complete(6), Exponential(2.0)
+    formations = sphere.random(RNG, (50, 6))
+    ahead = formations + 1e-7 * law.velocity(formations, graph.weights, gain)
+    behind = formations - 1e-7 * law.velocity(formations, graph.weights, gain)
+    rate = (measures.pairwise_cosines(ahead) - measures.pairwise_cosines(behind)) / 2e-7
+    cosines = measures.pairwise_cosines(formations)
+    assert np.allclose(
+        coordinates.cosine_velocity(cosines, graph.weights, gain), rate, atol=1e-6)
+
+
+@pytest.mark.parametrize('graph', GRAPHS, ids=lambda graph: graph.kind)
+def test_their_jacobian_is_the_derivative_of_that_equation(graph):
+    cosines = measures.pairwise_cosines(FORMATIONS[7])
+    step = 1e-6 * np.eye(6)
+    numeric = (coordinates.cosine_velocity(cosines + step, graph.weights, Exponential())
+               - coordinates.cosine_velocity(cosines - step, graph.weights, Exponential())) / 2e-6
+    exact = coordinates.cosine_jacobian(cosines, graph.weights, Exponential())
+    assert np.allclose(exact, numeric.T, atol=1e-8)
+
+
+def test_six_cosines_of_a_formation_satisfy_the_identity():
+    cosines = measures.pairwise_cosines(FORMATIONS)
+    assert np.allclose(coordinates.gram_identity(cosines), 1.0, atol=1e-13)
+    assert abs(coordinates.gram_identity(cosines[0] + 0.1) - 1.0) > 1e-3

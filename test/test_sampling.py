@@ -1,0 +1,139 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Limits of sample time and delay: closed forms, the linearised loop, and runs on either side."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tetra_ros2.formation import batch, measures, rotation, sampling, shapes, stability, topology
+from tetra_ros2.formation.gain import Cosine, Exponential
+from tetra_ros2.formation.simulation import SampledLoop
+
+COMPLETE, ROTATING = topology.complete(4), topology.rotating()
+TETRAHEDRON = shapes.TETRAHEDRON.points
+AXES = np.tile(sampling.AXIS, (4, 1))
+
+
+def deviation_after(gamma, topology_, gain, h, steps, limit):
+    """Return how far the cosines are from a limit after so many steps from a small push."""
+    push = 1e-3 * np.random.default_rng(0).standard_normal((4, 3))
+    gamma = gamma + push
+    gamma = gamma / np.linalg.norm(gamma, axis=1, keepdims=True)
+    for _ in range(steps):
+        gamma = batch.advance(gamma, topology_.weights, gain, h)
+    return np.max(np.abs(measures.pairwise_cosines(gamma) - limit))
+
+
+def test_limits_of_the_papers_complete_graph():
+    eigenvalues = stability.transverse(TETRAHEDRON, COMPLETE.weights, Cosine()).eigenvalues
+    assert sampling.longest_sample_time(eigenvalues) == pytest.approx(0.5625, rel=1e-12)
+    assert sampling.longest_delay(eigenvalues) == pytest.approx(9.0 * math.pi / 64.0, rel=1e-12)
+    assert sampling.most_delay_steps(eigenvalues, 0.01) == 43
+
+
+@pytest.mark.parametrize('h', [0.01, 0.1, 0.3, 0.5, 0.56, 0.57])
+def test_delay_steps_are_where_the_roots_leave_the_circle(h):
+    eigenvalues = np.array([-8.0 / 3.0, -32.0 / 9.0, -1.5 + 0.7j, -1.5 - 0.7j])
+    steps = sampling.most_delay_steps(eigenvalues, h)
+    if steps >= 0:
+        assert np.max(np.abs(sampling.multipliers(eigenvalues, h, steps))) < 1.0
+    assert np.max(np.abs(sampling.multipliers(eigenvalues, h, steps + 1))) > 1.0
+
+
+@pytest.mark.parametrize('delay', [0, 1, 5])
+def test_the_linearised_loop_has_the_roots_of_the_closed_form_at_rest(delay):
+    eigenvalues = stability.transverse(TETRAHEDRON, COMPLETE.weights, Cosine()).eigenvalues
+    there = sampling.sampled_equilibrium(TETRAHEDRON, COMPLETE.weights, Cosine(), 0.05, delay)
+    closed = np.max(np.abs(sampling.multipliers(eigenvalues, 0.05, delay)))
+    assert abs(there.multipliers()[0]) == pytest.approx(closed, rel=1e-8)
+
+
+@pytest.mark.parametrize(('graph', 'gain', 'h'), [
+    (COMPLETE, Cosine(), 0.01), (ROTATING, Cosine(), 0.01), (ROTATING, Exponential(), 0.04)],
+    ids=['complete', 'rotating', 'rotating exponential'])
+@pytest.mark.parametrize('delay', [0, 10, 43, 44, 70])
+def test_the_argument_principle_counts_what_the_eigenvalues_show(graph, gain, h, delay):
+    there = sampling.sampled_equilibrium(TETRAHEDRON, graph.weights, gain, h, delay)
+    growing = int(np.sum(np.abs(there.multipliers()) > 1.0))
+    assert (there.unstable_modes() == 0) == (growing == 0)
+
+
+def test_sampling_takes_the_spinning_formation_off_the_tetrahedron_as_was_measured():
+    there = sampling.sampled_equilibrium(TETRAHEDRON, ROTATING.weights, Cosine(), 0.01)
+    off = np.max(np.abs(measures.pairwise_angles(there.gamma) - shapes.THETA_STAR))
+    assert off == pytest.approx(2.9e-4, abs=1e-5)  # design.md, section 4
+    after = batch.advance(there.gamma, ROTATING.weights, Cosine(), 0.01)
+    turned = rotation.rotate(rotation.exp(0.01 * there.spin), there.gamma)
+    assert np.max(np.abs(after - turned)) < 1e-12
+
+
+def test_sample_time_limit_lies_between_0_55_and_0_57():
+    limit = np.full(6, -1.0 / 3.0)
+    assert deviation_after(TETRAHEDRON, COMPLETE, Cosine(), 0.55, 400, limit) < 1e-6
+    assert deviation_after(TETRAHEDRON, COMPLETE, Cosine(), 0.57, 400, limit) > 1e-2
+
+
+def test_sample_time_limit_of_the_spinning_formation_holds_on_either_side():
+    gain, weights = Cosine(), ROTATING.weights
+    guess = sampling.longest_sample_time(
+        stability.transverse(TETRAHEDRON, weights, gain).eigenvalues)
+    limit = sampling.spinning_sample_limit(TETRAHEDRON, weights, gain, guess)
+    near = None
+    for h in np.linspace(0.1, 0.98 * limit, 12):
+        near = sampling.sampled_equilibrium(TETRAHEDRON, weights, gain, h, near=near)
+    inside = measures.pairwise_cosines(near.gamma)
+    outside = sampling.sampled_equilibrium(TETRAHEDRON, weights, gain, 1.02 * limit, near=near)
+    assert deviation_after(near.gamma, ROTATING, gain, near.h, 1500, inside) < 1e-8
+    assert deviation_after(outside.gamma, ROTATING, gain, outside.h, 1500,
+                           measures.pairwise_cosines(outside.gamma)) > 1e-2
+
+
+def growth(graph, gain, h, delay, steps=9000):
+    """
+    Return by what the deviation of a late loop from its limit is multiplied in steps / 3 steps.
+
+    In the first third what the start did beside the slowest mode dies away.
+    """
+    there = sampling.sampled_equilibrium(TETRAHEDRON, graph.weights, gain, h, delay)
+    limit = measures.pairwise_cosines(there.gamma)
+    push = rotation.exp(1e-3 * np.random.default_rng(1).standard_normal((4, 3)))
+    loop = SampledLoop(
+        rotation.multiply(there.attitudes, push), AXES, graph, gain, delay=delay)
+    sizes = []
+    for _ in range(3):
+        window = []
+        for _ in range(steps // 30):
+            loop.advance(h, 10)
+            window.append(np.max(np.abs(
+                measures.pairwise_cosines(np.array(loop.bodies.reduced)) - limit)))
+        sizes.append(max(window))
+    return sizes[2] / sizes[1]
+
+
+def test_delay_limit_of_the_formation_at_rest_holds_on_either_side():
+    assert growth(COMPLETE, Cosine(), 0.01, 43) < 0.8
+    assert growth(COMPLETE, Cosine(), 0.01, 44) > 1.1
+
+
+def test_delay_limit_of_the_spinning_formation_holds_on_either_side():
+    steps = sampling.spinning_delay_limit(TETRAHEDRON, ROTATING.weights, Cosine(), 0.01, 64)
+    assert growth(ROTATING, Cosine(), 0.01, steps - 2) < 0.9
+    assert growth(ROTATING, Cosine(), 0.01, steps + 3) > 1.1
+
+
+def test_predicted_noise_is_what_the_loop_shows():
+    h, sigma = 0.1, 1e-3
+    for graph in (COMPLETE, ROTATING):
+        there = sampling.sampled_equilibrium(TETRAHEDRON, graph.weights, Cosine(), h)
+        deviation, mean_largest = there.steady_angles(sigma)
+        loop = SampledLoop(there.attitudes, AXES, graph, Cosine(), noise=sigma, seed=3)
+        loop.advance(h, 100)
+        limit, off = measures.pairwise_angles(there.gamma), []
+        for _ in range(6000):
+            loop.advance(h)
+            off.append(measures.pairwise_angles(np.array(loop.bodies.reduced)) - limit)
+        assert np.std(off, axis=0) == pytest.approx(deviation, rel=0.1)
+        assert np.mean(np.max(np.abs(off), axis=1)) == pytest.approx(mean_largest, rel=0.05)

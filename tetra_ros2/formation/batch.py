@@ -1,0 +1,192 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The sampled loop for very many starts: does each of them form, and when.
+
+:func:`run` does it with numpy. :func:`compiled` makes the same of the same gain with numba, if
+that is installed, some hundred times as fast. Both follow the reduced attitudes alone: commands
+are orthogonal to the pointing axes, so a held command moves Gamma along a great circle.
+"""
+
+from collections import namedtuple
+from functools import cache
+import math
+
+import numpy as np
+
+from tetra_ros2.formation import law, measures, sphere
+
+NEVER = -1
+"""Where there would be the number of a step: the start did not form."""
+
+GainParameters = namedtuple('GainParameters', ('a', 'b'))
+
+
+def advance(gamma, weights, gain, h):
+    """
+    Return the reduced attitudes one step of the sampled loop later.
+
+    :param gamma: reduced attitudes, ``(..., n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param h: length of the step [s]
+    """
+    return sphere.exp(gamma, h * law.velocity(gamma, weights, gain))
+
+
+def run(gamma, weights, gain, target_angles, tolerance, h, longest, hold):
+    """
+    Run every start until it has formed, or for so many steps.
+
+    A formation has formed when its error stays below the tolerance; the first step of the
+    stretch counts, and ``hold`` more of them confirm it.
+
+    :param gamma: reduced attitudes at the start, ``(m, n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param target_angles: the shape's pairwise angles [rad] in ascending order
+    :param tolerance: on each of them [rad]
+    :param h: length of a step [s]
+    :param longest: how many steps at most
+    :param hold: for how many steps the error must stay below the tolerance
+    :returns: the step at which each formed or NEVER, ``(m,)``, and the last reduced attitudes
+    """
+    gamma = np.array(gamma, dtype=float)
+    formed = np.full(len(gamma), NEVER)
+    active = np.arange(len(gamma))
+    for step in range(longest + 1):
+        good = measures.shape_error(gamma[active], target_angles) <= tolerance
+        since = formed[active]
+        formed[active] = np.where(good, np.where(since == NEVER, step, since), NEVER)
+        done = good & (step - formed[active] >= hold)
+        active = active[~done]
+        if not len(active) or step == longest:
+            return formed, gamma
+        gamma[active] = advance(gamma[active], weights, gain, h)
+    return formed, gamma
+
+
+def fastest():
+    """Return :func:`compiled` if numba is installed, otherwise a maker of :func:`run`."""
+    try:
+        import numba  # noqa: F401
+    except ModuleNotFoundError:
+        return lambda _: run
+    return compiled
+
+
+def compiled(gain):
+    """
+    Return :func:`run`, compiled for a gain's family.
+
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :raises ModuleNotFoundError: if numba is not installed
+    """
+    def run_compiled(gamma, weights, gain, target_angles, tolerance, h, longest, hold):
+        kernel = _kernel(type(gain), len(weights))
+        # Comparing cosines saves the arc tangents. Ascending angles have descending cosines.
+        targets = np.asarray(target_angles)
+        least = np.where(targets + tolerance < math.pi, np.cos(targets + tolerance), -2.0)
+        most = np.where(targets > tolerance, np.cos(targets - tolerance), 2.0)
+        gamma = np.array(gamma, dtype=float)
+        formed = np.full(len(gamma), NEVER)
+        kernel(gamma, np.array(weights), GainParameters(gain.a, gain.b), least[::-1].copy(),
+               most[::-1].copy(), h, longest, hold, formed)
+        return formed, gamma
+
+    return run_compiled
+
+
+@cache
+def _kernel(family, n):
+    # A constant n lets the compiler unroll the loops over agents.
+    from numba import njit
+
+    from tetra_ros2.formation.gain import Gain
+
+    if family.of_cosine is Gain.of_cosine:
+        f = njit(family.f)
+
+        @njit
+        def of_cosine(parameters, cosine):
+            return f(parameters, math.acos(min(max(cosine, -1.0), 1.0)))
+    else:
+        of_cosine = njit(family.of_cosine)
+
+    m = n * (n - 1) // 2
+
+    @njit
+    def has_formed(cosines, least, most, order):
+        """Return whether the cosines, in ascending order, lie between their bounds."""
+        # The largest cosine alone tells most of those that are not there yet.
+        largest = -2.0
+        for p in range(m):
+            largest = max(largest, cosines[p])
+        if not least[m - 1] <= largest <= most[m - 1]:
+            return False
+        for p in range(m):
+            value = cosines[p]
+            q = p
+            while q and order[q - 1] > value:
+                order[q] = order[q - 1]
+                q -= 1
+            order[q] = value
+        for p in range(m):  # noqa: SIM110, numba has no generators here
+            if not least[p] <= order[p] <= most[p]:
+                return False
+        return True
+
+    @njit
+    def kernel(starts, weights, parameters, least, most, h, longest, hold, formed):
+        cosines, order = np.empty(m), np.empty(m)
+        pull = np.empty((n, 3))
+        for start in range(len(starts)):
+            gamma = starts[start]
+            since = NEVER
+            step = 0
+            while True:
+                pair = 0
+                pull[:] = 0.0
+                for i in range(n):
+                    for j in range(i + 1, n):
+                        c = (gamma[i, 0] * gamma[j, 0] + gamma[i, 1] * gamma[j, 1]
+                             + gamma[i, 2] * gamma[j, 2])
+                        cosines[pair] = c
+                        pair += 1
+                        if weights[i, j] != 0.0 or weights[j, i] != 0.0:
+                            f = of_cosine(parameters, c)
+                            there, back = weights[i, j] * f, weights[j, i] * f
+                            for a in range(3):
+                                pull[i, a] += there * gamma[j, a]
+                                pull[j, a] += back * gamma[i, a]
+                if has_formed(cosines, least, most, order):
+                    if since == NEVER:
+                        since = step
+                    if step - since >= hold:
+                        break
+                else:
+                    since = NEVER
+                if step == longest:
+                    break
+                step += 1
+                for i in range(n):
+                    along = (gamma[i, 0] * pull[i, 0] + gamma[i, 1] * pull[i, 1]
+                             + gamma[i, 2] * pull[i, 2])
+                    square = 0.0
+                    for a in range(3):
+                        pull[i, a] = h * (along * gamma[i, a] - pull[i, a])
+                        square += pull[i, a] * pull[i, a]
+                    if square < 0.01:  # so that the series are exact to rounding
+                        cosine = 1.0 - square / 2.0 * (1.0 - square / 12.0 * (
+                            1.0 - square / 30.0 * (1.0 - square / 56.0)))
+                        sinc = 1.0 - square / 6.0 * (1.0 - square / 20.0 * (
+                            1.0 - square / 42.0 * (1.0 - square / 72.0)))
+                    else:
+                        angle = math.sqrt(square)
+                        cosine, sinc = math.cos(angle), math.sin(angle) / angle
+                    for a in range(3):
+                        gamma[i, a] = cosine * gamma[i, a] + sinc * pull[i, a]
+            formed[start] = since
+
+    return kernel

@@ -1,0 +1,373 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What sampling, delay and noise do to a formation: limits, rates, the error that remains.
+
+Commands are held over a step of length h and answer measurements that are d whole steps old. At
+rest, an eigenvalue lambda of the continuous loop then obeys ``z^(d+1) = z^d + h lambda``, and all
+limits have a closed form. A spinning formation has another relative equilibrium under sampling
+than without, so there the loop's own one is found and linearised: :class:`SampledEquilibrium`.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from tetra_ros2.formation import law, measures, rotation, sphere
+from tetra_ros2.formation.stability import complement, tangent_basis
+
+STEP = 1e-5
+"""Of central differences: their error of 1e-10 is far below what decides about stability."""
+
+
+def longest_sample_time(eigenvalues):
+    """
+    Return below which h [s] every ``|1 + h lambda| < 1``, at rest: ``min -2 Re / |lambda|^2``.
+
+    For real eigenvalues that is ``2 / |lambda|max``.
+
+    :param eigenvalues: transverse ones, all with a negative real part [1/s]
+    """
+    eigenvalues = np.asarray(eigenvalues)
+    return float(np.min(-2.0 * eigenvalues.real / np.abs(eigenvalues) ** 2))
+
+
+def longest_delay(eigenvalues):
+    """
+    Return the delay [s] that continuous commands can bear: ``min (|arg| - pi/2) / |lambda|``.
+
+    For real eigenvalues that is ``pi / (2 |lambda|max)``.
+
+    :param eigenvalues: transverse ones, all with a negative real part [1/s]
+    """
+    eigenvalues = np.asarray(eigenvalues)
+    angle = np.abs(np.angle(eigenvalues)) - 0.5 * np.pi
+    return float(np.min(angle / np.abs(eigenvalues)))
+
+
+def most_delay_steps(eigenvalues, h):
+    """
+    Return the greatest number of whole steps that measurements may be late, at rest.
+
+    ``z^(d+1) = z^d + h lambda`` has a root on the unit circle, ``z = exp(i a)``, exactly where
+    ``|h lambda| = 2 sin(a / 2)`` and ``|arg lambda| = pi / 2 + a (d + 1/2)``.
+
+    :param eigenvalues: transverse ones, all with a negative real part [1/s]
+    :param h: the sample time [s]
+    :returns: the number of steps; -1 if not even 0 is stable
+    """
+    if h >= longest_sample_time(eigenvalues):
+        return -1
+    eigenvalues = np.asarray(eigenvalues)
+    angle = np.abs(np.angle(eigenvalues)) - 0.5 * np.pi
+    turn = 2.0 * np.arcsin(0.5 * h * np.abs(eigenvalues))
+    # On the circle itself nothing decays: strictly less.
+    return math.ceil(float(np.min(angle / turn)) - 0.5) - 1
+
+
+def multipliers(eigenvalues, h, delay_steps):
+    """
+    Return the slowest root of ``z^(d+1) = z^d + h lambda`` for each lambda, at rest.
+
+    :param eigenvalues: transverse ones [1/s], ``(m,)``
+    :param h: the sample time [s]
+    :param delay_steps: d
+    """
+    slowest = []
+    for eigenvalue in np.unique(np.round(eigenvalues, 12)):
+        coefficients = np.zeros(delay_steps + 2, dtype=complex)
+        coefficients[0] = 1.0
+        coefficients[1] -= 1.0
+        coefficients[-1] -= h * eigenvalue
+        roots = np.roots(coefficients)
+        slowest.append(roots[np.argmax(np.abs(roots))])
+    return np.array(slowest)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledEquilibrium:
+    """
+    A relative equilibrium of the sampled loop and its linearisation ``x+ = A x + L x_(-d)``.
+
+    x are small rotations of each body in a frame that moves along with it, 3 n numbers.
+
+    :param attitudes: unit quaternions at one instant, ``(n, 4)``
+    :param spin: angular velocity of the whole [rad/s], ``(3,)``
+    :param residual: how far one step of the loop is from a rotation of the whole [rad]
+    :param h: the sample time [s]
+    :param delay_steps: d, how old the measurements are
+    :param at_once: A, ``(3 n, 3 n)``
+    :param late: L, ``(3 n, 3 n)``
+    :param noise: covariance of what a measurement noise of 1 rad adds to x, ``(3 n, 3 n)``
+    """
+
+    attitudes: np.ndarray
+    spin: np.ndarray
+    residual: float
+    h: float
+    delay_steps: int
+    at_once: np.ndarray
+    late: np.ndarray
+    noise: np.ndarray
+
+    @property
+    def gamma(self):
+        """Return the reduced attitudes, ``(n, 3)``."""
+        return rotation.rotate(self.attitudes, AXIS)
+
+    def _history_matrix(self):
+        """Return the matrix that takes (x_k, ..., x_(k-d)) one step on, less the symmetries."""
+        m, d = len(self.at_once), self.delay_steps
+        matrix = np.zeros((m * (d + 1), m * (d + 1)))
+        matrix[:m, :m] = self.at_once
+        matrix[:m, m * d:] += self.late
+        matrix[m:, :-m] = np.eye(m * d)
+        # The whole may be turned, and each body about its own axis, once and for all: 3 + n
+        # directions that change nothing. They are an invariant subspace; this is the quotient.
+        n = len(self.attitudes)
+        inverse = rotation.inverse(self.attitudes)
+        turned = np.concatenate([
+            rotation.rotate(inverse[:, None, :], rotation.rotate(
+                rotation.exp(self.h * back * self.spin), np.eye(3))).transpose(0, 2, 1)
+            .reshape(m, 3) for back in range(d + 1)])
+        own = np.zeros((n, 3, n))
+        own[np.arange(n), :, np.arange(n)] = AXIS
+        symmetries = np.concatenate([turned, np.tile(own.reshape(m, n), (d + 1, 1))], axis=1)
+        across = complement(symmetries)
+        return across.T @ matrix @ across, across
+
+    def multipliers(self):
+        """Return by what each mode of the shape is multiplied in a step, the slowest first."""
+        values = np.linalg.eigvals(self._history_matrix()[0])
+        return values[np.argsort(-np.abs(values))]
+
+    def unstable_modes(self):
+        """
+        Return how many modes of the shape grow, by the argument principle.
+
+        ``det(z - A - L z^-d)`` over the unit circle, divided by its 3 + n zeros that belong to
+        the symmetries, tells the number of zeros outside. That takes matrices of 3 n rows where
+        the eigenvalues of the whole history would take 3 n (d + 1).
+        """
+        m, n = len(self.at_once), len(self.attitudes)
+        whole = self.h * float(np.linalg.norm(self.spin))
+
+        def phase(phi):
+            z = np.exp(1j * phi)
+            late = z[:, None, None] ** -self.delay_steps * self.late
+            sign = np.linalg.slogdet(z[:, None, None] * np.eye(m) - self.at_once - late)[0]
+            known = (z - 1.0) ** (n + 1) * (z - np.exp(1j * whole)) * (z - np.exp(-1j * whole))
+            return sign / (known / np.abs(known))
+
+        # All that happens does so at angles about h lambda. The function is real at 0 and at pi.
+        scale = min(1.0, float(np.max(np.abs(self.late))))
+        phi = np.unique(np.concatenate([
+            np.linspace(1e-3 * scale, min(math.pi, 12.0 * scale), 3000),
+            np.geomspace(min(math.pi, 12.0 * scale), math.pi, 100)]))
+        values = phase(phi)
+        while True:
+            jumps = np.angle(values[1:] / values[:-1])
+            wide = (np.abs(jumps) > 0.5) & (np.diff(phi) > 1e-9 * scale)
+            if not np.any(wide):
+                break
+            between = 0.5 * (phi[1:] + phi[:-1])[wide]
+            order = np.argsort(np.concatenate([phi, between]), kind='stable')
+            phi = np.concatenate([phi, between])[order]
+            values = np.concatenate([values, phase(between)])[order]
+        return m - (n + 3) - round(float(np.sum(jumps)) / math.pi)
+
+    def steady_angles(self, sigma, draws=20000, seed=0):
+        """
+        Return what measurement noise leaves of the angles, once the start is forgotten.
+
+        :param sigma: standard deviation of the direction measured, per axis [rad]
+        :param draws: of the Gaussian whose largest component is asked for
+        :param seed: of these draws
+        :returns: the standard deviation of the pairwise angles [rad], ``(m,)``, and the mean of
+            the largest deviation among them [rad]
+        """
+        matrix, across = self._history_matrix()
+        m = len(self.at_once)
+        power = across.T[:, :m] @ (sigma**2 * self.noise) @ across[:m]
+        # The sum of A^k Q A^kT, doubling the number of its terms each time.
+        covariance = power
+        while np.max(np.abs(power)) > 1e-16 * np.max(np.abs(covariance)):
+            power = matrix @ covariance @ matrix.T
+            covariance = covariance + power
+            matrix = matrix @ matrix
+        attitude_covariance = across[:m] @ covariance @ across[:m].T
+
+        gamma = self.gamma
+        i, j = np.triu_indices(len(gamma), k=1)
+        aligned = np.sum(gamma[i] * gamma[j], axis=1)
+        bases = tangent_basis(gamma)[i]
+
+        def deviations(x):
+            """Return two numbers for each pair, the norm of which is what its angle is off."""
+            moved = rotation.rotate(rotation.multiply(
+                self.attitudes, rotation.exp(x.reshape(-1, m // 3, 3))), AXIS)
+            angle = sphere.geodesic_distance(moved[:, i], moved[:, j])
+            # At 0 and at pi an angle can only go one way: there it takes the two components.
+            apart = np.einsum('pac,kpa->kpc', bases,
+                              moved[:, j] - np.sign(aligned)[:, None] * moved[:, i])
+            plain = np.stack([angle, np.zeros_like(angle)], axis=-1)
+            straight = np.abs(aligned) > 1.0 - 1e-9
+            return np.where(straight[:, None], apart, plain).reshape(len(x), -1)
+
+        slope = _derivative(deviations, np.zeros(m))
+        values, vectors = np.linalg.eigh(slope @ attitude_covariance @ slope.T)
+        normal = np.random.default_rng(seed).standard_normal((draws, len(values)))
+        drawn = normal * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+        size = np.linalg.norm(drawn.reshape(draws, -1, 2), axis=-1)
+        spread = np.diag(slope @ attitude_covariance @ slope.T).reshape(-1, 2).sum(axis=1)
+        return np.sqrt(spread), float(np.mean(np.max(size, axis=1)))
+
+
+AXIS = np.array([1.0, 0.0, 0.0])
+"""The pointing axis in the body frames used here; the motion of Gamma does not depend on it."""
+
+
+def _derivative(function, x):
+    """Return the matrix of central differences of a function of arrays ``(k, m)``."""
+    change = STEP * np.eye(len(x))
+    return (function(x + change) - function(x - change)).T / (2.0 * STEP)
+
+
+def _commands(attitudes, weights, gain):
+    gamma = rotation.rotate(attitudes, AXIS)
+    seen = rotation.rotate(rotation.inverse(attitudes)[..., :, None, :], gamma[..., None, :, :])
+    return law.angular_velocity(AXIS, seen, weights, gain)
+
+
+def sampled_equilibrium(gamma, weights, gain, h, delay_steps=0, near=None):
+    """
+    Return the relative equilibrium of the sampled loop near one of the continuous loop.
+
+    In it, ``R_i(k) = Q^k R_i G_i^k``: the whole turns by Q and each body about its own axis by
+    G_i in a step. A command that is d steps old was meant for a body not yet turned by G_i^d.
+
+    :param gamma: reduced attitudes of the continuous loop's relative equilibrium, ``(n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param h: the sample time [s]
+    :param delay_steps: how old the measurements are
+    :param near: a :class:`SampledEquilibrium` to start the search from instead
+    """
+    n = len(gamma)
+    if near is None:
+        base = rotation.between(AXIS, gamma)
+        spin = measures.angular_velocity(gamma, law.velocity(gamma, weights, gain))
+    else:
+        base, spin, gamma = near.attitudes, near.spin, near.gamma
+
+    def advance(frames, x, rates, spin, own):
+        """Return where the bodies are a step later, in the frames that have moved along."""
+        backward = rotation.multiply(rotation.inverse(frames), rotation.multiply(
+            rotation.exp(-h * spin)[..., None, :], frames))
+        late = rotation.rotate(rotation.exp(delay_steps * own[..., None] * AXIS), rates)
+        moved = rotation.multiply(rotation.exp(x), rotation.exp(h * late))
+        moved = rotation.multiply(moved, rotation.exp(-own[..., None] * AXIS))
+        return rotation.log(rotation.multiply(backward, moved)).reshape(*x.shape[:-2], 3 * n)
+
+    def residual(z):
+        x, spin, own = z[..., :3 * n], z[..., 3 * n:3 * n + 3], z[..., 3 * n + 3:]
+        frames = rotation.multiply(base, rotation.exp(x.reshape(*x.shape[:-1], n, 3)))
+        rates = _commands(frames, weights, gain)
+        return advance(frames, np.zeros((*x.shape[:-1], n, 3)), rates, spin, own)
+
+    z = np.concatenate([np.zeros(3 * n), spin, -h * (gamma @ spin)])
+    for _ in range(12):
+        left = residual(z)
+        if np.max(np.abs(left)) < 1e-13:
+            break
+        z = z - np.linalg.pinv(_derivative(residual, z), rcond=1e-8) @ left
+    spin, own = z[3 * n:3 * n + 3], z[3 * n + 3:]
+    frames = rotation.renormalize(
+        rotation.multiply(base, rotation.exp(z[:3 * n].reshape(n, 3))))
+    rates = _commands(frames, weights, gain)
+    zero = np.zeros(3 * n)
+
+    at_once = _derivative(
+        lambda x: advance(frames, x.reshape(-1, n, 3), rates, spin, own), zero)
+    by_rates = _derivative(
+        lambda u: advance(frames, np.zeros((len(u), n, 3)), u.reshape(-1, n, 3), spin, own),
+        rates.ravel())
+    commanded = _derivative(lambda x: _commands(
+        rotation.multiply(frames, rotation.exp(x.reshape(-1, n, 3))), weights, gain)
+        .reshape(-1, 3 * n), zero)
+    noise = by_rates @ _command_noise(frames, weights, gain) @ by_rates.T
+    return SampledEquilibrium(
+        frames, spin, float(np.max(np.abs(residual(z)))), h, delay_steps,
+        at_once, by_rates @ commanded, noise)
+
+
+def _command_noise(attitudes, weights, gain):
+    """Return the covariance of all commands under a measurement noise of 1 rad, (3 n, 3 n)."""
+    n = len(attitudes)
+    gamma = rotation.rotate(attitudes, AXIS)
+    seen = rotation.rotate(rotation.inverse(attitudes)[:, None, :], gamma[None, :, :])
+    cross = np.cross(AXIS, seen)
+    theta = sphere.geodesic_distance(AXIS, seen)
+    sine = np.sin(theta)
+    slope = np.divide(gain.derivative(theta), sine, out=np.zeros_like(sine), where=sine > 1e-9)
+    # w = -W f(theta) b x y, and theta falls by b . dy / sin(theta) along a tangent dy.
+    change = -weights[..., None, None] * (
+        gain.f(theta)[..., None, None] * sphere.hat(AXIS)
+        - slope[..., None, None] * cross[..., :, None] * AXIS)
+    tangent = np.eye(3) - seen[..., :, None] * seen[..., None, :]
+    covariance = np.zeros((n, 3, n, 3))
+    covariance[np.arange(n), :, np.arange(n), :] = np.sum(
+        change @ tangent @ np.swapaxes(change, -1, -2), axis=1)
+    return covariance.reshape(3 * n, 3 * n)
+
+
+def spinning_sample_limit(gamma, weights, gain, guess, relative=1e-6):
+    """
+    Return below which sample time [s] a spinning formation is stable.
+
+    :param gamma: reduced attitudes of the continuous loop's relative equilibrium, ``(n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param guess: :func:`longest_sample_time` of its eigenvalues in the turning frame [s]
+    :param relative: accuracy
+    """
+    inside, outside, near = 0.0, None, None
+    h = 0.05 * guess
+    while outside is None or outside - inside > relative * outside:
+        there = sampled_equilibrium(gamma, weights, gain, h, near=near)
+        if there.residual < 1e-9 and abs(there.multipliers()[0]) < 1.0:
+            inside, near = h, there
+            h = 0.5 * (inside + outside) if outside else h + 0.05 * guess
+        else:
+            outside = h
+            h = 0.5 * (inside + outside)
+    return inside
+
+
+def spinning_delay_limit(gamma, weights, gain, h, guess):
+    """
+    Return the greatest number of steps that a spinning formation's measurements may be late.
+
+    :param gamma: reduced attitudes of the continuous loop's relative equilibrium, ``(n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param h: the sample time [s]
+    :param guess: :func:`most_delay_steps` of its eigenvalues in the turning frame
+    :returns: the number of steps; -1 if not even 0 is stable
+    """
+    def is_stable(steps):
+        near = None
+        # The equilibrium is followed from no delay on, lest another one be found.
+        for d in sorted({*range(0, steps, max(1, steps // 4)), steps}):
+            near = sampled_equilibrium(gamma, weights, gain, h, d, near)
+        return near.residual < 1e-9 and near.unstable_modes() == 0
+
+    inside, outside = -1, max(1, guess)
+    while is_stable(outside):
+        inside, outside = outside, 2 * outside
+    while outside - inside > 1:
+        middle = (inside + outside) // 2
+        inside, outside = (middle, outside) if is_stable(middle) else (inside, middle)
+    return inside

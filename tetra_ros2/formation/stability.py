@@ -1,0 +1,410 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Where the closed loop comes to rest or to a steady spin, and how it behaves nearby.
+
+A formation that turns as one rigid body is a relative equilibrium: at rest in a frame that turns
+with it. Rotating it as a whole gives another one, so three eigenvalues of its linearisation say
+nothing about its shape. :func:`transverse` takes them out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tetra_ros2.formation import coordinates, law, measures, sphere
+
+LEGENDRE = np.polynomial.legendre.leggauss(48)
+"""Nodes and weights on [-1, 1]; 48 of them integrate any gain here to rounding."""
+
+ZERO = 1e-9
+"""A real part below this, relative to the largest eigenvalue, is zero to rounding."""
+
+
+def lyapunov(gamma, weights, gain):
+    """
+    Return ``V = sum W(i,j) int_theta_ij^pi f(x) sin(x) dx`` over ordered pairs, ``(...)``.
+
+    From the proof of Thm:SF:stableEquiSet; with symmetric weights V never grows.
+
+    :param gamma: reduced attitudes, ``(..., n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    """
+    gamma = np.asarray(gamma, dtype=float)
+    theta = sphere.geodesic_distance(gamma[..., :, None, :], gamma[..., None, :, :])
+    nodes, node_weights = LEGENDRE
+    half = 0.5 * (np.pi - theta)
+    x = half[..., None] * nodes + 0.5 * (np.pi + theta)[..., None]
+    integral = half * np.sum(node_weights * gain.f(x) * np.sin(x), axis=-1)
+    return np.sum(weights * integral, axis=(-2, -1))
+
+
+def lyapunov_rate(gamma, velocity, weights, gain):
+    """
+    Return the derivative of V along any motion [1/s^2], ``(...)``, by the chain rule.
+
+    Along the closed loop of symmetric weights it is ``-2 sum |w_i|^2``; Thm:SF:stableEquiSet.
+
+    :param gamma: reduced attitudes, ``(..., n, 3)``
+    :param velocity: ``dGamma/dt`` [1/s], ``(..., n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    """
+    theta = sphere.geodesic_distance(gamma[..., :, None, :], gamma[..., None, :, :])
+    product = velocity @ np.swapaxes(gamma, -1, -2)
+    cosine_rate = product + np.swapaxes(product, -1, -2)
+    return np.sum(weights * gain.f(theta) * cosine_rate, axis=(-2, -1))
+
+
+def tangent_basis(gamma):
+    """
+    Return orthonormal bases of the tangent planes, as columns, ``(..., n, 3, 2)``.
+
+    :param gamma: unit vectors, ``(..., n, 3)``
+    """
+    # A normal of the least aligned basis vector is the best conditioned.
+    least = np.eye(3)[np.argmin(np.abs(gamma), axis=-1)]
+    first = sphere.normalize(np.cross(gamma, least))
+    return np.stack([first, np.cross(gamma, first)], axis=-1)
+
+
+def _bring_down(blocks, bases):
+    """Return ``B_i^T blocks_ij B_j`` as one matrix, ``(..., 2 n, 2 n)``."""
+    small = np.einsum('...iap,...ijab,...jbq->...ipjq', bases, blocks, bases)
+    size = 2 * bases.shape[-3]
+    return small.reshape(*small.shape[:-4], size, size)
+
+
+def linearization(gamma, weights, gain, bases, spin=None):
+    """
+    Return the derivative of the closed loop's right-hand side in tangent coordinates.
+
+    At an equilibrium this is the system matrix, similar to the paper's A_zeta.
+
+    :param gamma: reduced attitudes, ``(..., n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param bases: of :func:`tangent_basis`
+    :param spin: angular velocity of the frame [rad/s], ``(..., 3)``; the world's by default
+    :returns: ``(..., 2 n, 2 n)`` [1/s]
+    """
+    gamma = np.asarray(gamma, dtype=float)
+    n = gamma.shape[-2]
+    theta = sphere.geodesic_distance(gamma[..., :, None, :], gamma[..., None, :, :])
+    c, s = np.cos(theta), np.sin(theta)
+    # away_ij = c_ij Gamma_i - Gamma_j is the way i flees from j, of length sin theta_ij.
+    away = c[..., None] * gamma[..., :, None, :] - gamma[..., None, :, :]
+    rate = weights * gain.f(theta)
+    slope = np.divide(-(weights * gain.derivative(theta)), s, out=np.zeros_like(s), where=s > 1e-9)
+    identity = np.eye(3)
+    outer = away[..., :, None] * away[..., None, :]
+    mixed = away[..., :, None] * np.swapaxes(away, -2, -3)[..., None, :]
+    blocks = -slope[..., None, None] * mixed - rate[..., None, None] * identity
+    own = np.sum((rate * c)[..., None, None] * identity - slope[..., None, None] * outer, axis=-3)
+    if spin is not None:
+        own = own - sphere.hat(spin)[..., None, :, :]
+    i = np.arange(n)
+    # An agent has no edge to itself: the diagonal of `blocks` is zero so far.
+    blocks[..., i, i, :, :] = own
+    return _bring_down(blocks, bases)
+
+
+def rotations(gamma, bases):
+    """
+    Return what the three rotations of the whole do to it, in tangent coordinates.
+
+    :param gamma: reduced attitudes, ``(..., n, 3)``
+    :param bases: of :func:`tangent_basis`
+    :returns: ``(..., 2 n, 3)``
+    """
+    moved = np.cross(np.eye(3)[:, None, :], gamma[..., None, :, :])  # (..., 3, n, 3)
+    small = np.einsum('...iap,...eia->...ipe', bases, moved)
+    return small.reshape(*small.shape[:-3], 2 * gamma.shape[-2], 3)
+
+
+def complement(vectors):
+    """Return an orthonormal basis of the complement of the columns' span, ``(m, m - rank)``."""
+    u, singular, _ = np.linalg.svd(vectors)
+    return u[:, int(np.sum(singular > 1e-9 * max(singular[0], 1e-300))):]
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeEquilibrium:
+    """
+    A formation that keeps its shape, and its linearisation.
+
+    :param gamma: reduced attitudes, ``(n, 3)``
+    :param spin: its angular velocity in the world frame [rad/s], ``(3,)``; zero at rest
+    :param residual: the largest velocity beside the spin [1/s]
+    :param matrix: the linearisation transverse to the rotations, in the turning frame, [1/s]
+    """
+
+    gamma: np.ndarray
+    spin: np.ndarray
+    residual: float
+    matrix: np.ndarray
+
+    @property
+    def eigenvalues(self):
+        """Return the transverse eigenvalues [1/s], the slowest first."""
+        values = np.linalg.eigvals(self.matrix)
+        return values[np.lexsort((values.imag, -values.real))]
+
+    @property
+    def inertia(self):
+        """Return how many transverse eigenvalues have positive, zero and negative real part."""
+        return inertia(self.eigenvalues)
+
+
+def inertia(eigenvalues):
+    """Return how many eigenvalues have a positive, a zero and a negative real part."""
+    real = np.real(eigenvalues)
+    zero = np.abs(real) <= ZERO * max(1e-300, float(np.max(np.abs(eigenvalues), initial=0.0)))
+    return tuple(int(np.sum(which)) for which in ((real > 0) & ~zero, zero, (real < 0) & ~zero))
+
+
+def transverse(gamma, weights, gain):
+    """
+    Return the :class:`RelativeEquilibrium` at hand; its residual says how nearly it is one.
+
+    :param gamma: reduced attitudes, ``(n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    """
+    gamma = np.asarray(gamma, dtype=float)
+    velocity = law.velocity(gamma, weights, gain)
+    spin = measures.angular_velocity(gamma, velocity)
+    bases = tangent_basis(gamma)
+    matrix = linearization(gamma, weights, gain, bases, spin)
+    across = complement(rotations(gamma, bases))
+    # The rotations span an invariant subspace, so this is the map on the quotient.
+    return RelativeEquilibrium(
+        gamma, spin, float(np.max(np.abs(velocity - np.cross(spin, gamma)))),
+        across.T @ matrix @ across)
+
+
+def refine(gamma, weights, gain, iterations=50, longest=0.3):
+    """
+    Take Newton steps towards relative equilibria, stable or not.
+
+    :param gamma: reduced attitudes, ``(..., n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param iterations: how many steps
+    :param longest: the longest step of an agent [rad]
+    :returns: reduced attitudes, ``(..., n, 3)``, and the largest velocity left beside a spin of
+        the whole [1/s], ``(...)``
+    """
+    gamma = np.asarray(gamma, dtype=float)
+    n = gamma.shape[-2]
+    for k in range(iterations + 1):
+        velocity = law.velocity(gamma, weights, gain)
+        spin = measures.angular_velocity(gamma, velocity)
+        left = velocity - np.cross(spin[..., None, :], gamma)
+        if k == iterations:
+            return gamma, np.max(np.abs(left), axis=(-2, -1))
+        bases = tangent_basis(gamma)
+        matrix = linearization(gamma, weights, gain, bases, spin)
+        turned = rotations(gamma, bases)
+        # The spin is unknown too. The shortest solution leaves the attitude of the whole alone.
+        system = np.concatenate([matrix, turned], axis=-1)
+        target = np.einsum('...iap,...ia->...ip', bases, left).reshape(*gamma.shape[:-2], 2 * n)
+        step = -np.einsum('...ij,...j->...i', np.linalg.pinv(system, rcond=1e-10), target)
+        step = step[..., :2 * n].reshape(*gamma.shape[:-2], n, 2)
+        moved = np.einsum('...iap,...ip->...ia', bases, step)
+        size = np.max(np.linalg.norm(moved, axis=-1), axis=-1)[..., None, None]
+        gamma = sphere.normalize(
+            sphere.exp(gamma, moved * np.minimum(1.0, longest / np.maximum(size, 1e-300))))
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """
+    One equilibrium out of many, up to rotations, mirror images and the order of the agents.
+
+    :param kind: what it looks like; see :func:`classify`
+    :param gamma: reduced attitudes, ``(n, 3)``
+    :param found: from how many starts
+    :param eigenvalues: the transverse ones [1/s]
+    """
+
+    kind: str
+    gamma: np.ndarray
+    found: int
+    eigenvalues: np.ndarray
+
+
+def find_equilibria(rng, weights, gain, starts=400, tolerance=1e-10, iterations=60):
+    """
+    Look for equilibria at rest by Newton's method from random starts.
+
+    :param rng: a ``numpy.random.Generator``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param starts: how many
+    :param tolerance: the largest velocity that counts as rest [1/s]
+    :param iterations: of Newton's method
+    :returns: a list of :class:`Equilibrium`, the most often found first; and how many starts
+        ended nowhere
+    """
+    n = len(weights)
+    gamma = sphere.random(rng, (starts, n))
+    # Starts in a plane and starts with coincident agents reach what the others hardly ever do.
+    gamma[::3] = sphere.normalize(gamma[::3] * [1.0, 1.0, 0.0])
+    gamma[1::6, 0] = gamma[1::6, 1]
+    gamma, _ = refine(gamma, weights, gain, iterations)
+    speed = np.max(np.abs(law.velocity(gamma, weights, gain)), axis=(-2, -1))
+    rest = gamma[speed < tolerance]
+    cosines = np.sort(measures.pairwise_cosines(rest), axis=-1)
+    found = []
+    for shape, points in zip(cosines, rest):
+        for entry in found:
+            if np.max(np.abs(entry[0] - shape)) < 1e-5:
+                entry[2] += 1
+                break
+        else:
+            found.append([shape, points, 1])
+    found.sort(key=lambda entry: -entry[2])
+    return [Equilibrium(classify(points), points, count,
+                        transverse(points, weights, gain).eigenvalues)
+            for _, points, count in found], starts - len(rest)
+
+
+def is_coplanar(gamma, tolerance=1e-6):
+    """Return whether all lie on one great circle, ``(...)``; the lemma's Omega_C."""
+    return np.linalg.svd(np.asarray(gamma, float), compute_uv=False)[..., 2] < tolerance
+
+
+def classify(gamma, tolerance=1e-5):
+    """
+    Say in words what shape a formation has.
+
+    :param gamma: reduced attitudes, ``(n, 3)``
+    :param tolerance: on the cosines
+    """
+    cosines = np.sort(measures.pairwise_cosines(gamma))
+
+    def is_like(*expected):
+        return len(expected) == len(cosines) and np.allclose(cosines, expected, 0.0, tolerance)
+
+    if np.all(cosines > 1.0 - tolerance):
+        return 'consensus'
+    if is_like(*[-1.0 / 3.0] * 6):
+        return 'tetrahedron'
+    if is_like(-1.0, -1.0, 0.0, 0.0, 0.0, 0.0):
+        return 'cross'
+    if np.all(np.abs(np.abs(cosines) - 1.0) < tolerance):
+        one_side = int(np.sum(np.asarray(gamma) @ gamma[0] > 0.0))
+        fewer = min(one_side, len(gamma) - one_side)
+        return f'{len(gamma) - fewer} against {fewer}'
+    if is_like(*[-0.5] * 5, 1.0):
+        return 'triangle with a pair'
+    return 'other coplanar' if is_coplanar(gamma, 10.0 * tolerance) else 'other spatial'
+
+
+def settle(gamma, weights, gain, step=0.02, longest=2000.0, calm=1e-3):
+    """
+    Follow the closed loop until it keeps its shape, and polish what it has come to.
+
+    :param gamma: reduced attitudes at the start, ``(n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param step: of the integration, in units of ``1 / max row sum of W f(0)``
+    :param longest: when to give up, in the same units
+    :param calm: how slow a change of shape, relative to f, lets Newton's method take over
+    :returns: reduced attitudes, ``(n, 3)``, or None if the shape keeps changing
+    """
+    unit = float(np.max(np.sum(np.abs(weights), axis=1)) * gain.f(0.0)) or 1.0
+    h = step / unit
+    for k in range(int(longest / step)):
+        velocity = law.velocity(gamma, weights, gain)
+        if k % 25 == 0:
+            spin = measures.angular_velocity(gamma, velocity)
+            calmness = np.max(np.abs(velocity - np.cross(spin, gamma))) / unit
+            if calmness < calm:
+                polished, left = refine(gamma, weights, gain, 25)
+                # A saddle is slow as well: only what attracts is where the loop is going.
+                if left < 1e-9 * unit and inertia(
+                        transverse(polished, weights, gain).eigenvalues)[0] == 0:
+                    return polished
+        middle = sphere.exp(gamma, 0.5 * h * velocity)
+        # The midpoint rule, exact on the sphere: its velocity brought back to the tangent plane.
+        gamma = sphere.normalize(gamma + h * law.velocity(middle, weights, gain))
+    return None
+
+
+def sorted_spectrum(eigenvalues):
+    """Return eigenvalues in an order fit for comparing, by real, then imaginary part."""
+    values = np.asarray(eigenvalues, dtype=complex)
+    return values[np.lexsort((values.imag, np.round(values.real, 9)))]
+
+
+def complete_spectrum(gain):
+    """
+    Return the paper's spectrum at the tetrahedron under the complete graph [1/s], ``(8,)``.
+
+    ``{2 sqrt2 f' (2), (4 sqrt2 / 3) f' - (8/3) f (3), 0 (3)}``; eq:SF:proofEigen.
+    """
+    theta = np.arccos(-1.0 / 3.0)
+    f, slope = gain.f(theta), gain.derivative(theta)
+    return np.array([2.0 * np.sqrt(2.0) * slope] * 2
+                    + [4.0 * np.sqrt(2.0) / 3.0 * slope - 8.0 / 3.0 * f] * 3 + [0.0] * 3)
+
+
+def complete_cosine_spectrum(gain):
+    """
+    Return the paper's spectrum of the xi_s dynamics, complete graph [1/s], ``(6,)``.
+
+    ``{-8 F, -(8/3) F' (2), -(8/3) F - (16/9) F' (3)}``. The first belongs to the direction in
+    which all six cosines grow together. It leaves the surface of the Gram identity, so no
+    formation ever moves along it: -8 F is a rate that nobody can measure.
+    """
+    f, slope = gain.of_cosine(-1.0 / 3.0), gain.of_cosine_derivative(-1.0 / 3.0)
+    return np.array([-8.0 * f] + [-8.0 / 3.0 * slope] * 2
+                    + [-8.0 / 3.0 * f - 16.0 / 9.0 * slope] * 3)
+
+
+def angle_linearization(gamma, weights, gain):
+    """
+    Return the linearisation in roll-pitch-yaw angles at an equilibrium; A_zeta.
+
+    :param gamma: an equilibrium away from the poles, ``(n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :returns: ``(2 n, 2 n)`` [1/s], in the paper's order phi_1, psi_1, phi_2, ...
+    """
+    phi, psi = coordinates.angles(gamma)
+    n = len(gamma)
+    # Unit vectors north and east, and how far one radian of phi or psi goes along them.
+    bases = np.stack([
+        np.stack([-np.sin(phi) * np.cos(psi), -np.sin(phi) * np.sin(psi), np.cos(phi)], axis=-1),
+        np.stack([-np.sin(psi), np.cos(psi), np.zeros(n)], axis=-1)], axis=-1)
+    scale = np.stack([np.ones(n), np.cos(phi)], axis=-1).ravel()
+    return linearization(gamma, weights, gain, bases) * scale / scale[:, None]
+
+
+def mirrored(gamma):
+    """Return the mirror image in the plane x-z, of the other chirality, ``(..., n, 3)``."""
+    return np.asarray(gamma) * [1.0, -1.0, 1.0]
+
+
+def rotating_spectrum(gain):
+    """
+    Return the transverse spectrum at the tetrahedron under the rotating graph [1/s], ``(5,)``.
+
+    The paper says of it that it is Hurwitz (thm:RF:LocalStable). The cycle of three splits the
+    cosines into sectors: one real eigenvalue, ``-(4/3) F - (8/9) F'``, and the two of a matrix
+    on the sector that turns by a third of a circle per agent, with their conjugates. A sixth
+    one of the xi_s dynamics, -4 F, leaves the surface of the Gram identity, as -8 F does in
+    :func:`complete_cosine_spectrum`.
+    """
+    f, slope = gain.of_cosine(-1.0 / 3.0), gain.of_cosine_derivative(-1.0 / 3.0)
+    r = 1j * np.sqrt(3.0)
+    sector = (f * np.array([[-2.0 / 3.0 - r / 2.0, -7.0 / 12.0 + r / 4.0],
+                            [-1.0 / 3.0 - r / 3.0, -2.0 / 3.0 + r / 3.0]])
+              + slope * np.array([[-10.0 / 9.0, 4.0 / 9.0],
+                                  [1.0 / 9.0 + r / 9.0, -10.0 / 9.0 + 2.0 * r / 9.0]]))
+    pair = np.linalg.eigvals(sector)
+    return np.array([-4.0 / 3.0 * f - 8.0 / 9.0 * slope, *pair, *np.conj(pair)])

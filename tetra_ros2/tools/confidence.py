@@ -1,0 +1,31 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What so many successes in so many trials say about the chance of one."""
+
+import math
+
+import numpy as np
+
+
+def lower_bound(formed, starts, confidence=0.95):
+    """
+    Return below which fraction the chance to form is not, with a confidence (Clopper-Pearson).
+
+    :param formed: how many did
+    :param starts: of how many
+    """
+    if formed == 0:
+        return 0.0
+    if formed == starts:
+        return (1.0 - confidence) ** (1.0 / starts)
+    terms = np.arange(formed, starts + 1)
+    choose = np.array([math.lgamma(starts + 1) - math.lgamma(k + 1) - math.lgamma(starts - k + 1)
+                       for k in terms])
+    low, high = 0.0, formed / starts
+    for _ in range(60):
+        p = 0.5 * (low + high)
+        tail = float(np.sum(np.exp(choose + terms * math.log(p) + (starts - terms)
+                                   * math.log1p(-p))))
+        low, high = (p, high) if tail < 1.0 - confidence else (low, p)
+    return low
