@@ -27,7 +27,7 @@ extras = {
     'study': ['numba', 'pyarrow'],
     'cluster': ['distributed'],
 }
-extras['all'] = sum((extras[name] for name in extras if name != 'ros'), [])
+extras['all'] = [package for name in extras if name != 'ros' for package in extras[name]]
 extras['test'] = [
     *extras['all'],
     'colcon-bash',
