@@ -232,25 +232,26 @@ class Launcher:
         :returns: whether all that time has passed
         :raises TimeoutError: if formation time stands still
         """
-        self._wait_for_sample(interrupt, stall_timeout)
-        observer = self.monitor.observer
-        self._target = max(self._target, observer.started_at) + round(seconds * 1e9)
+        if not self.monitor.observer.count:
+            # Formation time is counted from the first sample; until it is there, time waits too.
+            self._run_to(0, interrupt, stall_timeout)
+        # Count on from where the last run was to end, which may be less than a step ago.
+        stamp = self.monitor.observer.stamp
+        period = round(1e9 / self.plant.rate) if self.plant is not None else 0
+        begin = self._target if 0 <= stamp - self._target < period else stamp
+        self._target = begin + round(seconds * 1e9)
+        self._run_to(self._target, interrupt, stall_timeout)
+        return interrupt is None or not interrupt.done()
+
+    def _run_to(self, stamp, interrupt, stall_timeout):
+        """Spin until the first sample at or after a stamp [ns]."""
         reached = Future(executor=self.executor)
-        self.monitor.notify(self._target, reached)
+        self.monitor.notify(stamp, reached)
         if interrupt is not None:
             interrupt.add_done_callback(lambda _: reached.done() or reached.set_result(None))
         if self.plant is not None:
-            self.plant.time.run_until(self._target)
+            self.plant.time.run_until(stamp)
         self._spin(reached, stall_timeout)
-        return interrupt is None or not interrupt.done()
-
-    def _wait_for_sample(self, interrupt, stall_timeout):
-        if not self.monitor.observer.count:
-            first = Future(executor=self.executor)
-            self.monitor.notify(0, first)
-            if interrupt is not None:
-                interrupt.add_done_callback(lambda _: first.done() or first.set_result(None))
-            self._spin(first, stall_timeout)
 
     def _spin(self, future, stall_timeout):
         seen, since = None, time.monotonic()

@@ -82,5 +82,8 @@ class RigidBodies:
         """
         a, b, c, d, e, f, g, h, k = self._matrices[i]
         reduced = self.reduced
-        return [(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + k * z)
-                for x, y, z in [reduced[j] for j in others]]
+        seen = []
+        for j in others:
+            x, y, z = reduced[j]
+            seen.append((a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + k * z))
+        return seen

@@ -8,7 +8,8 @@ import math
 UNIT_TOLERANCE = 1e-3
 """How far from 1 the length of a measured direction may be."""
 
-_SHORTEST, _LONGEST = (1.0 - UNIT_TOLERANCE) ** 2, (1.0 + UNIT_TOLERANCE) ** 2
+SHORTEST, LONGEST = (1.0 - UNIT_TOLERANCE) ** 2, (1.0 + UNIT_TOLERANCE) ** 2
+"""Bounds of the squared length of a measured direction."""
 
 
 class Rejected(Exception):
@@ -26,9 +27,14 @@ class Rejected(Exception):
 def require_unit(x, y, z):
     """Raise Rejected unless (x, y, z) is a unit vector, to within UNIT_TOLERANCE."""
     # A NaN makes every comparison false, so that one test on the good path sees all there is.
-    if not _SHORTEST <= x * x + y * y + z * z <= _LONGEST:
-        finite = all(map(math.isfinite, (x, y, z)))
-        raise Rejected(Rejected.NOT_UNIT if finite else Rejected.NOT_FINITE)
+    if not SHORTEST <= x * x + y * y + z * z <= LONGEST:
+        refuse_direction(x, y, z)
+
+
+def refuse_direction(x, y, z):
+    """Raise Rejected for a vector that is not a unit vector, with the reason."""
+    finite = all(map(math.isfinite, (x, y, z)))
+    raise Rejected(Rejected.NOT_UNIT if finite else Rejected.NOT_FINITE)
 
 
 def require_rate(x, y, z, limit):

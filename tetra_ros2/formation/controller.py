@@ -5,7 +5,7 @@
 
 import math
 
-from tetra_ros2.formation.checks import Rejected, require_unit
+from tetra_ros2.formation.checks import LONGEST, refuse_direction, Rejected, SHORTEST
 
 NEVER = -math.inf
 
@@ -47,7 +47,9 @@ class Controller:
         :raises Rejected: if it is older than one already used, not finite or not a unit vector;
             nothing has changed then
         """
-        require_unit(*seen)
+        x, y, z = seen
+        if not SHORTEST <= x * x + y * y + z * z <= LONGEST:
+            refuse_direction(x, y, z)
         if stamp < self._stamps[slot]:
             raise Rejected(Rejected.OLD_STAMP)
         self._seen[slot] = seen

@@ -52,7 +52,7 @@ class Plant(FormationNode):
         self.bodies = RigidBodies(self._initial_attitudes(), self.formation.axes)
 
         self._state_publisher = self.offer(PoseArray, names.ATTITUDES, qos.STATE)
-        self._encode_state = cdr.pose_array(names.WORLD, n).encode
+        self._state = cdr.pose_array(names.WORLD, n)
         # For each agent that sees anybody: its index, whom it sees, the publishers, the codec.
         self._sensors = []
         for i in range(1, n + 1):
@@ -62,7 +62,7 @@ class Plant(FormationNode):
                 for j in neighbors]
             if neighbors:
                 self._sensors.append((i - 1, [j - 1 for j in neighbors], publishers,
-                                      cdr.vector3_stamped(names.body_frame(i)).encode))
+                                      cdr.vector3_stamped(names.body_frame(i)).encoder))
         self._imperfect = self._make_imperfect_sensors(values)
         for i in range(1, n + 1):
             decode = cdr.twist_stamped(names.body_frame(i)).decode
@@ -125,15 +125,18 @@ class Plant(FormationNode):
         for position, orientation in zip(bodies.reduced, bodies.attitudes):
             state += position
             state += orientation
-        self._state_publisher.publish(self._encode_state(stamp, *state))
+        head = cdr.head(stamp)
+        prefix, pack = self._state.encoder(head)
+        self._state_publisher.publish(prefix + pack(*state))
         sensors = self._imperfect
         if sensors is None:
             sensors = bodies
         else:
             sensors.sample(stamp)
-        for i, others, publishers, encode in self._sensors:
+        for i, others, publishers, encoder in self._sensors:
+            prefix, pack = encoder(head)
             for publish, seen in zip(publishers, sensors.seen_by(i, others)):
-                publish(encode(stamp, *seen))
+                publish(prefix + pack(*seen))
 
     def _on_command(self, i, decode, message):
         try:

@@ -8,7 +8,6 @@ A timekeeper decides when the bodies take a step, how long it is, and which comm
 starts and stops, takes commands, and is told when the state was changed under its hands.
 """
 
-import struct
 import time
 
 from rclpy.clock import Clock
@@ -16,12 +15,11 @@ from rclpy.clock_type import ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from tetra_ros2.formation.checks import Rejected
-from tetra_ros2.ros import diagnostics, names, qos
+from tetra_ros2.ros import cdr, diagnostics, names, qos
 
 STILL = (0.0, 0.0, 0.0)
 
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-_CLOCK = struct.Struct('<4siI')  # rosgraph_msgs/Clock: encapsulation, sec, nanosec
 
 
 def _period(rate):
@@ -135,7 +133,7 @@ class Lockstep:
         self._plant.publish(self.stamp)
 
     def _publish_clock(self):
-        self._clock.publish(_CLOCK.pack(b'\0\1\0\0', *divmod(self.stamp, 1_000_000_000)))
+        self._clock.publish(cdr.head(self.stamp))
 
     def _advance(self):
         """Take the step if there is nothing left to wait for."""

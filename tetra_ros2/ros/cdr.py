@@ -16,6 +16,12 @@ from tetra_ros2.formation.checks import Rejected
 _LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 _ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
 _NANOSECONDS = 1_000_000_000
+_HEAD = struct.Struct('<4siI')  # encapsulation, sec, nanosec
+
+
+def head(stamp):
+    """Return how a message of a time [ns] begins; rosgraph_msgs/Clock is no more than that."""
+    return _HEAD.pack(_LITTLE_ENDIAN, *divmod(stamp, _NANOSECONDS))
 
 
 class StampedNumbers:
@@ -32,22 +38,20 @@ class StampedNumbers:
         self._count = count
         self._length = length
         self._frame = frame_id.encode() + b'\0'
-        layout = self._layout('<', len(self._frame))
+        # The frame's length and text, the padding, the sequence length: the same in all messages.
+        self._name = struct.pack(f'<I{len(self._frame)}s', len(self._frame), self._frame)
+        between = self._name
+        if length is not None:
+            between += bytes(-len(between) % 4) + struct.pack('<I', length)
+        self._between = between + bytes(-(_HEAD.size - 4 + len(between)) % 8)
+        self._pack = struct.Struct(f'<4siI{len(self._between)}s{count}d').pack
+        self._pack_numbers = struct.Struct(f'<{count}d').pack
+        counted = '' if length is None else f'{len(between) - len(self._name) - 4}xI'
+        layout = struct.Struct(
+            f'<4siI{len(self._name)}s{counted}{len(self._between) - len(between)}x{count}d')
         self._size = layout.size
         self._unpack = layout.unpack
-        self._pack = layout.pack
-        # Everything between the stamp and the numbers, as pack takes it and as unpack gives it.
-        self._between = (len(self._frame), self._frame, *(() if length is None else (length,)))
-        self._numbers = slice(3 + len(self._between), None)
-        self._constants = slice(3, 3 + len(self._between))
-
-    def _layout(self, order, frame_size):
-        """Return the layout: encapsulation, sec, nanosec, frame, [length], numbers."""
-        body = struct.Struct(f'{order}iII{frame_size}s').size  # alignment counts from here
-        padding = ''
-        if self._length is not None:
-            padding, body = f'{-body % 4}xI', body + -body % 4 + 4
-        return struct.Struct(f'{order}4siII{frame_size}s{padding}{-body % 8}x{self._count}d')
+        self._first = 4 if length is None else 5  # index of the first number that unpack gives
 
     def encode(self, stamp, *numbers):
         """
@@ -56,21 +60,39 @@ class StampedNumbers:
         :param stamp: time since the epoch of whichever clock [ns], from 0
         :param numbers: as many float64 as the message has
         """
-        seconds, nanoseconds = divmod(stamp, _NANOSECONDS)
-        return self._pack(_LITTLE_ENDIAN, seconds, nanoseconds, *self._between, *numbers)
+        return self._pack(_LITTLE_ENDIAN, stamp // _NANOSECONDS, stamp % _NANOSECONDS,
+                          self._between, *numbers)
+
+    def encoder(self, message_head):
+        """
+        Return what makes messages of one stamp: a prefix, and a function from numbers to the rest.
+
+        :param message_head: of their stamp, from :func:`head`
+        """
+        return message_head + self._between, self._pack_numbers
 
     def decode(self, message):
         """
-        Return ``(stamp, numbers)``: time [ns] and a tuple of float64, finite or not.
+        Return ``(stamp, numbers)``: time [ns] and a sequence of float64, finite or not.
 
         :param message: bytes from anywhere
         :raises Rejected: if they are not such a message, or it is of another frame
         """
+        # The padding is not looked at: its bytes are whatever the sender's memory held.
         if len(message) == self._size:
             fields = self._unpack(message)
-            if fields[0] == _LITTLE_ENDIAN and fields[self._constants] == self._between:
-                return fields[1] * _NANOSECONDS + fields[2], fields[self._numbers]
+            if fields[3] == self._name and fields[0] == _LITTLE_ENDIAN and (
+                    self._length is None or fields[4] == self._length):
+                return fields[1] * _NANOSECONDS + fields[2], fields[self._first:]
         return self._decode_any(message)
+
+    def _layout(self, order, frame_size):
+        """Return the layout of what follows the encapsulation: stamp, frame, [length], numbers."""
+        body = struct.Struct(f'{order}iII{frame_size}s').size  # alignment counts from here
+        padding = ''
+        if self._length is not None:
+            padding, body = f'{-body % 4}xI', body + -body % 4 + 4
+        return struct.Struct(f'{order}4xiII{frame_size}s{padding}{-body % 8}x{self._count}d')
 
     def _decode_any(self, message):
         """Decode what does not have just the bytes that :meth:`encode` would have written."""
@@ -83,12 +105,13 @@ class StampedNumbers:
                 raise Rejected(Rejected.MALFORMED)
             if frame != self._frame:
                 raise Rejected(Rejected.WRONG_FRAME)
-            fields = self._layout(order, frame_size).unpack_from(message)
+            seconds, nanoseconds, _, _, *numbers = self._layout(
+                order, frame_size).unpack_from(message)
         except (KeyError, struct.error):
             raise Rejected(Rejected.MALFORMED) from None
-        if fields[self._constants] != self._between:
+        if self._length is not None and numbers.pop(0) != self._length:
             raise Rejected(Rejected.MALFORMED)
-        return fields[1] * _NANOSECONDS + fields[2], fields[self._numbers]
+        return seconds * _NANOSECONDS + nanoseconds, numbers
 
 
 def vector3_stamped(frame_id):

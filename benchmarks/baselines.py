@@ -1,0 +1,169 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The lockstep round without mathematics, checks or state: what there is to compare with.
+
+Plant and agents use the topics, types and quality of service of the formation. In one style they
+are written as one writes rclpy: message objects, the default executor. In the other they go to
+the limit of what rclpy and DDS can do: constant bytes, raw subscriptions, the events executor.
+"""
+
+import struct
+
+from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+
+NEWEST = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1,
+                    reliability=ReliabilityPolicy.RELIABLE)
+PERIOD_NS = 10_000_000
+
+
+class ObjectPlant(Node):
+    """The plant's half of a round, with message objects."""
+
+    def __init__(self, n, **kwargs):
+        super().__init__('plant', **kwargs)
+        self.steps = 0
+        self.stamp = 0
+        self._missing = set()
+        self._everybody = {*range(1, n + 1)}
+        self._state = self.create_publisher(PoseArray, 'formation/attitudes', 1000)
+        self._time_publisher = self.create_publisher(Clock, '/clock', NEWEST)
+        self._sensors = [
+            (f'agent_{i}', self.create_publisher(
+                Vector3Stamped, f'agent_{i}/relative_attitude/agent_{j}', NEWEST))
+            for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
+        for i in range(1, n + 1):
+            self.create_subscription(TwistStamped, f'agent_{i}/cmd_vel',
+                                     lambda message, i=i: self._on_command(i, message), NEWEST)
+        state = PoseArray()
+        state.header.frame_id = 'world'
+        from geometry_msgs.msg import Pose
+        state.poses = [Pose() for _ in range(n)]
+        self._state_message = state
+
+    def begin(self):
+        self._missing = set(self._everybody)
+        self.stamp += PERIOD_NS
+        clock = Clock()
+        clock.clock.sec, clock.clock.nanosec = divmod(self.stamp, 1_000_000_000)
+        self._time_publisher.publish(clock)
+        self._state_message.header.stamp = clock.clock
+        self._state.publish(self._state_message)
+        for frame, publisher in self._sensors:
+            message = Vector3Stamped()
+            message.header.stamp = clock.clock
+            message.header.frame_id = frame
+            message.vector.x = 1.0
+            publisher.publish(message)
+
+    def _on_command(self, i, message):
+        stamp = message.header.stamp
+        if stamp.sec * 1_000_000_000 + stamp.nanosec != self.stamp:
+            return
+        self._missing.discard(i)
+        if not self._missing:
+            self.steps += 1
+            self.begin()
+
+
+class ObjectAgent(Node):
+    """An agent's half of a round, with message objects."""
+
+    def __init__(self, i, n, **kwargs):
+        super().__init__(f'agent_{i}', **kwargs)
+        self._frame = f'agent_{i}'
+        self._count = n - 1
+        self._stamp = None
+        self._seen = set()
+        self._publisher = self.create_publisher(TwistStamped, f'agent_{i}/cmd_vel', NEWEST)
+        for j in range(1, n + 1):
+            if j != i:
+                self.create_subscription(
+                    Vector3Stamped, f'agent_{i}/relative_attitude/agent_{j}',
+                    lambda message, j=j: self._on_measurement(j, message), NEWEST)
+
+    def _on_measurement(self, j, message):
+        if message.header.stamp != self._stamp:
+            self._stamp = message.header.stamp
+            self._seen = set()
+        self._seen.add(j)
+        if len(self._seen) == self._count:
+            command = TwistStamped()
+            command.header.stamp = message.header.stamp
+            command.header.frame_id = self._frame
+            self._publisher.publish(command)
+
+
+class BytePlant(Node):
+    """The plant's half of a round, with bytes that only differ in their stamp."""
+
+    def __init__(self, n, **kwargs):
+        super().__init__('plant', **kwargs)
+        self.steps = 0
+        self.stamp = 0
+        self._waiting = 0
+        self._n = n
+        measurement, state = Vector3Stamped(), PoseArray()
+        measurement.header.frame_id, state.header.frame_id = 'agent_1', 'world'
+        from geometry_msgs.msg import Pose
+        state.poses = [Pose() for _ in range(n)]
+        self._measurement = serialize_message(measurement)[12:]
+        self._state_tail = serialize_message(state)[12:]
+        self._state = self.create_publisher(PoseArray, 'formation/attitudes', 1000).publish
+        self._time_publisher = self.create_publisher(Clock, '/clock', NEWEST).publish
+        self._sensors = [self.create_publisher(
+            Vector3Stamped, f'agent_{i}/relative_attitude/agent_{j}', NEWEST).publish
+            for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
+        for i in range(1, n + 1):
+            self.create_subscription(
+                TwistStamped, f'agent_{i}/cmd_vel', self._on_command, NEWEST, raw=True)
+
+    def begin(self):
+        self._waiting = self._n
+        self.stamp += PERIOD_NS
+        head = struct.pack('<4siI', b'\0\1\0\0', *divmod(self.stamp, 1_000_000_000))
+        self._time_publisher(head)
+        self._state(head + self._state_tail)
+        measurement = head + self._measurement
+        for publish in self._sensors:
+            publish(measurement)
+
+    def _on_command(self, message):
+        self._waiting -= 1
+        if not self._waiting:
+            self.steps += 1
+            self.begin()
+
+
+class ByteAgent(Node):
+    """An agent's half of a round, with constant bytes."""
+
+    def __init__(self, i, n, **kwargs):
+        super().__init__(f'agent_{i}', **kwargs)
+        command = TwistStamped()
+        command.header.frame_id = f'agent_{i}'
+        self._command = serialize_message(command)
+        self._count, self._missing = n - 1, n - 1
+        self._publish = self.create_publisher(TwistStamped, f'agent_{i}/cmd_vel', NEWEST).publish
+        for j in range(1, n + 1):
+            if j != i:
+                self.create_subscription(
+                    Vector3Stamped, f'agent_{i}/relative_attitude/agent_{j}',
+                    self._on_measurement, NEWEST, raw=True)
+
+    def _on_measurement(self, message):
+        self._missing -= 1
+        if not self._missing:
+            self._missing = self._count
+            self._publish(self._command)
+
+
+OBJECTS = ObjectPlant, ObjectAgent, SingleThreadedExecutor
+BYTES = BytePlant, ByteAgent, EventsExecutor
