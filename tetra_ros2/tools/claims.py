@@ -67,12 +67,16 @@ class Subject:
     rotating: topologies.Topology = field(default_factory=topologies.rotating)
     gains: tuple = (gains.Cosine(), gains.Exponential())
     seed: int = 0
-    effort: int = 1
+    effort: float = 1.0
 
     @property
     def rng(self):
         """Return a generator that is the same for every check."""
         return np.random.default_rng(self.seed)
+
+    def times(self, count):
+        """Return how many random points or starts to take, where usually one takes ``count``."""
+        return max(1, round(count * self.effort))
 
     @cached_property
     def families(self):
@@ -98,7 +102,7 @@ class Subject:
     def equilibria(self):
         """Return what Newton's method finds, complete graph and first gain; and the lost."""
         return stability.find_equilibria(
-            self.rng, self.complete.weights, self.gains[0], 300 * self.effort)
+            self.rng, self.complete.weights, self.gains[0], self.times(300))
 
 
 @dataclass(frozen=True)
@@ -458,7 +462,7 @@ def _end_speeds(subject, topology, gain, starts, duration):
 def _omega_attracts(subject):
     speed, rise = 0.0, -math.inf
     for gain, duration in zip(subject.gains, (30.0, 90.0)):
-        left, up = _end_speeds(subject, subject.complete, gain, 80 * subject.effort, duration)
+        left, up = _end_speeds(subject, subject.complete, gain, subject.times(80), duration)
         speed, rise = max(speed, left), max(rise, up)
     return Finding(0.0, float(speed), 1e-5, bool(speed < 1e-5 and rise < 1e-12),
                    f'V rises by {max(rise, 0.0):.1g} at most')
@@ -770,7 +774,7 @@ def _stationary(subject):
        'least value at random points after descent; distance from pi/2 where it is below 1e-3')
 def _inequality(subject):
     rng = subject.rng
-    x = rng.dirichlet(np.ones(4), 40000 * subject.effort) * 2.0 * np.pi
+    x = rng.dirichlet(np.ones(4), subject.times(40000)) * 2.0 * np.pi
     x = x[np.max(x, axis=1) <= np.pi]
 
     def value(x):
@@ -906,7 +910,7 @@ def _decomposition(subject):
 def _polynomials(subject):
     a = getattr(subject.gains[0], 'a', 1.0)
     rng = subject.rng
-    f = rng.uniform(0.02, 2.0 * a, (3000 * subject.effort, 6))
+    f = rng.uniform(0.02, 2.0 * a, (subject.times(3000), 6))
 
     def equations(f):
         f12, f13, f14, f23, f24, f34 = np.moveaxis(f, -1, 0)
@@ -931,9 +935,9 @@ def _polynomials(subject):
 
 def _forms(subject, graph, which, starts):
     topology, gain = getattr(subject, graph), subject.gains[which]
-    gamma = sphere.random(subject.rng, (starts * subject.effort, 4))
+    gamma = sphere.random(subject.rng, (subject.times(starts), 4))
     # Compiling takes longer than the few starts of the quick check do without.
-    follow = batch.run if subject.effort == 1 else batch.fastest()(gain)
+    follow = batch.run if subject.effort <= 1.0 else batch.fastest()(gain)
     h = 0.05
     formed, _ = follow(gamma, topology.weights, gain, shapes.TETRAHEDRON.angles, 0.02, h,
                        round((60.0 if which == 0 else 150.0) / h), 20)

@@ -103,6 +103,7 @@ class Plan:
     :param tolerance: error below which a start has formed [rad]
     :param hold: for how long it must stay there [s]
     :param longest: formation time to give up after [s]
+    :param chunk: how many starts share a random generator, and are computed at once
     """
 
     cases: tuple
@@ -111,18 +112,32 @@ class Plan:
     tolerance: float
     hold: float
     longest: float
+    chunk: int = CHUNK
 
     @property
     def chunks(self):
         """Return how many chunks there are of each case."""
-        return -(-self.starts // CHUNK)
+        return -(-self.starts // self.chunk)
+
+    def attitudes(self, chunk, n):
+        """
+        Return the initial attitudes of a chunk, uniform on SO(3)^n, ``(m, n, 4)``.
+
+        :param chunk: which chunk, from 0
+        :param n: number of agents
+        """
+        import numpy as np
+
+        from tetra_ros2.formation import rotation
+        count = min(self.chunk, self.starts - chunk * self.chunk)
+        return rotation.random(np.random.default_rng([self.seed, chunk]), (count, n))
 
     def document(self):
         """Return it as plain values."""
         return {'cases': [{'name': case.name, 'parameters': case.parameters}
                           for case in self.cases],
                 'starts': self.starts, 'seed': self.seed, 'tolerance': self.tolerance,
-                'hold': self.hold, 'longest': self.longest, 'chunk': CHUNK}
+                'hold': self.hold, 'longest': self.longest, 'chunk': self.chunk}
 
 
 def run(arguments):
@@ -192,7 +207,7 @@ def make_plan(arguments):
                     source=file.path, key='topology')
             cases.append(case)
     return Plan(tuple(cases), arguments.starts, arguments.seed, arguments.tolerance,
-                arguments.hold, arguments.longest)
+                arguments.hold, arguments.longest, CHUNK)
 
 
 def _format(arguments):
@@ -256,21 +271,6 @@ def _ignore_interrupts():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def starts_of(seed, chunk, count, n):
-    """
-    Return the initial attitudes of a chunk, uniform on SO(3)^n, unit quaternions ``(m, n, 4)``.
-
-    :param seed: of the study
-    :param chunk: which chunk, from 0
-    :param count: how many starts there are in the chunk
-    :param n: number of agents
-    """
-    import numpy as np
-
-    from tetra_ros2.formation import rotation
-    return rotation.random(np.random.default_rng([seed, chunk]), (count, n))
-
-
 def run_chunk(plan, which, chunk):
     """
     Follow the starts of one chunk; this runs in a worker.
@@ -287,14 +287,13 @@ def run_chunk(plan, which, chunk):
     case = plan.cases[which]
     formation = case.formation()
     topology, gain = formation.topology, formation.gain
-    count = min(CHUNK, plan.starts - chunk * CHUNK)
-    gamma = rotation.rotate(starts_of(plan.seed, chunk, count, topology.n), formation.axes)
+    gamma = rotation.rotate(plan.attitudes(chunk, topology.n), formation.axes)
     h = round(1e9 / case.parameters['rate']) / 1e9  # the plant counts nanoseconds
     formed, gamma = batch.fastest()(gain)(
         gamma, topology.weights, gain, known_shape(topology).angles, plan.tolerance, h,
         math.ceil(plan.longest / h), math.ceil(plan.hold / h))
     times = np.where(formed == batch.NEVER, np.nan, formed * h)
-    handed = measures.chirality(gamma) if topology.n == 4 else np.zeros(count)
+    handed = measures.chirality(gamma) if topology.n == 4 else np.zeros(len(gamma))
     return times, handed.astype(np.int8)
 
 
@@ -463,10 +462,8 @@ def _summarize(case, times, slowest):
 def _replay(plan, case, start, time):
     """Return a configuration with which the launcher repeats a start."""
     import yaml
-    chunk, place = divmod(start, CHUNK)
-    count = min(CHUNK, plan.starts - chunk * CHUNK)
-    n = case.formation().topology.n
-    attitudes = starts_of(plan.seed, chunk, count, n)[place]
+    chunk, place = divmod(start, plan.chunk)
+    attitudes = plan.attitudes(chunk, case.formation().topology.n)[place]
     shared = {k: v for k, v in case.parameters.items() if k != 'rate'}
     if not shared['topology.edges']:
         del shared['topology.edges']  # ROS 2 cannot tell the type of an empty list
