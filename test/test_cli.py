@@ -61,6 +61,13 @@ def test_every_command_helps(command):
     (['launcher', '--without', 'agent_7'], ['--without', "'agent_7'", 'agent_4']),
     (['launcher', '--ros-args', '-p', 'gain.kind:=cosin'], ["did you mean 'cosine'"]),
     (['launcher', '--ros-args', '-p', 'gain.a:=-1.0'], ['gain.a', '-1.0']),
+    (['launcher', '--ros-args', '-p', 'gain.k:=2'], ['gain.k', 'no such parameter']),
+    (['plant', '--ros-args', '-p', 'rat:=50.0'], ['-p rat', "did you mean 'rate'"]),
+    (['plant', '--ros-args', '--params-file', 'nothing.yaml'], ['nothing.yaml', 'cannot be read']),
+    (['plant', '--ros-args', '-p', 'mode:=realtime', '-p', 'command_timeout:=0.001'],
+     ['command_timeout', 'two periods']),
+    (['plant', '--ros-args', '-p', 'use_sim_time:=1'], ['use_sim_time']),
+    (['plant', '--namespace', 'x' * 300], ['--namespace', '150 characters']),
     (['recorder', '--regex', '('], ['regex', "'('"]),
     (['recorder', '--storage', 'tape'], ['--storage', "'tape'"]),
 ])

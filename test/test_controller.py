@@ -145,7 +145,7 @@ def test_messages_that_are_rejected_leave_no_trace(sequence):
         if isinstance(got, str):
             continue
         assert got == outcome(undisturbed, slot, stamp, seen, now=1.0)
-        assert disturbed.oldest() == undisturbed.oldest()
+        assert disturbed.oldest_stamp == undisturbed.oldest_stamp
         assert disturbed.stamp == undisturbed.stamp
         assert disturbed.heard_at == undisturbed.heard_at
     assert receive_round(disturbed, 4) == receive_round(undisturbed, 4)
@@ -181,16 +181,28 @@ def test_a_late_message_is_the_newest_of_its_neighbor_until_that_is_heard_again(
     assert_close(controller.angular_velocity(), law_at([X, Y, Z]), atol=1e-14)
 
 
-def test_oldest_tells_of_the_neighbor_silent_for_longest_and_of_the_oldest_stamp():
+def test_it_tells_whom_it_has_not_seen_and_how_old_its_oldest_measurement_is():
     controller = new_controller()
-    assert controller.oldest()[0] == NEVER
+    assert controller.unseen() == [0, 1, 2]
     controller.receive(0, 30, X, 1.0)
     controller.receive(1, 20, X, 2.0)
-    assert controller.oldest()[0] == NEVER
+    assert controller.unseen() == [2]
+    assert not controller.complete
     controller.receive(2, 40, X, 3.0)
-    assert controller.oldest() == (1.0, 20)
-    controller.receive(0, 50, X, 4.0)
-    assert controller.oldest() == (2.0, 20)
+    assert controller.complete
+    assert controller.oldest_stamp == 20
+
+
+def test_only_those_silent_for_too_long_are_forgotten():
+    controller = new_controller()
+    for slot, now in ((0, 1.0), (1, 2.0), (2, 3.0)):
+        controller.receive(slot, 30 + slot, X, now)
+    controller.forget(before=2.0)
+    assert controller.unseen() == [0]
+    assert controller.heard_at == [NEVER, 2.0, 3.0]
+    assert controller.stamp == 32
+    assert controller.receive(0, 1, X, 4.0) is None, 'an older clock is welcome from that one'
+    assert controller.complete
 
 
 def test_after_forgetting_an_older_clock_is_welcome():
@@ -199,7 +211,7 @@ def test_after_forgetting_an_older_clock_is_welcome():
     with pytest.raises(Rejected):
         receive_round(controller, 1)
     controller.forget()
-    assert controller.oldest()[0] == NEVER
+    assert controller.heard_at == [NEVER] * 3
     assert receive_round(controller, 1) == receive_round(new_controller(), 1)
 
 

@@ -176,6 +176,36 @@ def test_an_existing_path_is_never_written_to(tmp_path):
     assert [p.name for p in path.iterdir()] == ['precious']
 
 
+def test_a_launcher_that_is_refused_records_nothing(tmp_path):
+    path = tmp_path / 'bag'
+    with Launcher('complete'):
+        with pytest.raises(ConfigurationError, match='somebody else'), \
+                Launcher('complete', record=path):
+            pass
+        assert not path.exists()
+
+
+def test_a_full_disk_is_said_in_one_line(tmp_path, processes, probe):
+    path = tmp_path / 'bag'
+    code = ('import resource, signal, sys; from tetra_ros2.cli import main; '
+            'resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000)); '
+            'signal.signal(signal.SIGXFSZ, signal.SIG_IGN); sys.exit(main(sys.argv[1:]))')
+    recorder = processes.python('-c', code, 'recorder', '--output', path)
+    probe.wait_for_health('/recorder', lambda s: True, 'the recorder')
+    with Launcher('complete') as formation:
+        for _ in range(200):
+            formation.run_for(1.0)
+            status = probe.health('/recorder')
+            if status is not None and 'not recording' in status.message:
+                break
+            probe.executor.spin_once(timeout_sec=0.0)
+    probe.wait_for_health('/recorder', lambda s: 'not recording' in s.message, 'the report')
+    status, output = interrupt(recorder)
+    assert status == 1
+    assert 'cannot be written any more' in output
+    assert 'Traceback' not in output
+
+
 def test_a_path_that_cannot_be_made_is_refused(tmp_path):
     (tmp_path / 'file').write_text('')
     status, _, errors = run('recorder', '--output', tmp_path / 'file' / 'bag')

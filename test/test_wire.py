@@ -190,6 +190,83 @@ def test_the_plant_drops_bad_commands_and_its_state_does_not_move(probe, mode):
         bench.is_reported()
 
 
+def test_an_agent_whose_sensors_are_not_synchronous_answers_once_it_has_seen_all(probe):
+    probe.listen(TwistStamped, 'agent_1/cmd_vel')
+    with Bench(probe, Agent, 1, topology__n=4, measurement_timeout=30.0, rate=50.0) as bench:
+        cameras = [bench.publisher(Vector3Stamped, f'agent_1/relative_attitude/agent_{j}')
+                   for j in (2, 3, 4)]
+        bench.wait_for(lambda: bench.node.count_subscribers('agent_1/cmd_vel'), 'the probe')
+        for k, camera in enumerate(cameras):
+            camera.publish(measurement([0.0, 1.0, 0.0], stamp=(5 + k, 0)))
+            bench.wait_for(lambda k=k: bench.node.measurements == k + 1, 'the measurement')
+            for _ in range(2):  # several ticks pass between two cameras
+                bench.node._on_tick()
+                assert bench.node._state[0] != b'\x02', 'there is nothing to be stopped for yet'
+        answer = bench.wait_for(
+            lambda: probe.received['agent_1/cmd_vel'] and probe.received['agent_1/cmd_vel'][-1],
+            'an answer')
+        assert nanoseconds(answer.header.stamp) == 5_000_000_000
+        # -3 f(pi/2) b x y = -3 (1, 0, 0) x (0, 1, 0) = (0, 0, -3)
+        w = answer.twist.angular
+        np.testing.assert_allclose([w.x, w.y, w.z], [0.0, 0.0, -3.0], atol=1e-15)
+
+
+def test_a_second_plant_is_reported_by_those_who_hear_it(probe):
+    with Bench(probe, Monitor) as bench:
+        publishers = [bench.publisher(PoseArray, 'formation/attitudes') for _ in range(2)]
+        bench.wait_for(lambda: bench.node.inputs[0].get_publisher_count() == 2, 'both')
+        assert bench.node.crowded_topics() == ['/formation/attitudes']
+        status = None
+
+        def told():
+            nonlocal status
+            status = probe.health('/monitor')
+            return status and 'more than one publisher' in status.message
+
+        from diagnostic_msgs.msg import DiagnosticArray
+        probe.listen(DiagnosticArray, REPORT)
+        bench.wait_for(told, 'the report')
+        assert publishers
+
+
+def test_a_parameter_cannot_be_deleted(probe):
+    with Bench(probe, Agent, 1) as bench:
+        result, = bench.node.set_parameters([Parameter('gain.a')])
+        assert not result.successful
+        assert 'cannot be deleted' in result.reason
+        result, = bench.node.set_parameters([Parameter('gain.a', value=2.0)])
+        assert result.successful
+        assert bench.node._controller.gain.a == 2.0
+
+
+def test_in_real_time_a_plant_pauses_once_when_its_duration_is_over(probe):
+    with Bench(probe, Plant, mode='realtime', seed=1, duration=0.3) as bench:
+        bench.wait_for(lambda: bench.node.time.paused, 'the end')
+        bench.node.time.pause(False)
+        result, = bench.node.set_parameters([Parameter('max_angular_velocity', value=50.0)])
+        assert result.successful
+        stamp = bench.node.time.stamp
+        bench.wait_for(lambda: bench.node.time.stamp > stamp + 500_000_000, 'half a second')
+        assert not bench.node.time.paused
+
+
+def test_a_reset_in_real_time_publishes_the_initial_state_and_forgets_the_commands(probe):
+    start = [0.0, 0.0, 0.0, 1.0] * 4
+    with Bench(probe, Plant, mode='realtime', initial_attitudes=start,
+               command_timeout=100.0) as bench:
+        probe.listen_to_attitudes()
+        publisher = bench.publisher(TwistStamped, 'agent_1/cmd_vel')
+        stamp = bench.wait_for(
+            lambda: probe.stamp() and probe.received['formation/attitudes'][-1].header.stamp,
+            'a state')
+        publisher.publish(command([0.0, 1.0, 0.0], stamp=stamp))
+        bench.wait_for(lambda: probe.attitudes()[0][1] > 0.01, 'motion')
+        probe.received['formation/attitudes'].clear()
+        bench.node.reset()
+        bench.wait_for(lambda: len(probe.received['formation/attitudes']) > 5, 'states')
+        assert np.all(probe.attitudes() == np.array(start).reshape(4, 4))
+
+
 def test_the_plant_in_real_time_holds_an_agent_still_when_its_command_is_old(probe):
     with Bench(probe, Plant, mode='realtime', seed=1, command_timeout=0.2) as bench:
         probe.listen_to_attitudes()
@@ -257,10 +334,10 @@ def test_the_monitor_drops_bad_states(probe):
 def test_quality_of_service_follows_the_standard_override_parameters():
     with Probe() as probe, Bench(
             probe, Agent, 1, **{
-                'qos_overrides./agent_1/cmd_vel.publisher.depth': 7,
                 'qos_overrides./agent_1/cmd_vel.publisher.reliability': 'best_effort'}) as bench:
-        publisher, = (p for p in bench.node.outputs if p.topic_name.endswith('cmd_vel'))
         info, = bench.wait_for(
             lambda: probe.node.get_publishers_info_by_topic('agent_1/cmd_vel'), 'the agent')
         assert info.qos_profile.reliability.name == 'BEST_EFFORT'
-        assert publisher is not None
+        info, = bench.wait_for(lambda: probe.node.get_subscriptions_info_by_topic(
+            'agent_1/relative_attitude/agent_2'), 'the other topics')
+        assert info.qos_profile.reliability.name == 'RELIABLE', 'overrides do not leak'

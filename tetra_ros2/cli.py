@@ -163,17 +163,8 @@ def main(argv=None):
         sub = commands.add_parser(name, help=text, description=f'{text[0].upper()}{text[1:]}.')
         tool.add_arguments(sub)
     arguments = parser.parse_args(ours)
-    from tetra_ros2.parameters import ConfigurationError
     try:
-        if arguments.command in TOOLS:
-            return TOOLS[arguments.command][0].run(arguments)
-        config = _check_config(arguments)
-        if arguments.namespace and arguments.command != 'launcher':
-            ros = [*ros, '-r', f'__ns:=/{arguments.namespace.strip("/")}']
-        return COMMANDS[arguments.command][1](arguments, config, ros)
-    except ConfigurationError as error:
-        print(f'tetra: error: {error}', file=sys.stderr)
-        return 2
+        return _run(arguments, ros)
     except KeyboardInterrupt:
         return INTERRUPTED
     except ModuleNotFoundError as error:
@@ -190,18 +181,24 @@ _INSTALL = {
 }
 
 
-def _check_config(arguments):
-    """Return the path of the configuration, checked before ROS is loaded, or None."""
-    if arguments.config is None:
-        return None
-    from tetra_ros2 import configuration
-    from tetra_ros2.parameters import ConfigurationError
-    file = configuration.load(arguments.config)
-    n = file.formation().topology.n
-    if arguments.command == 'agent' and not 1 <= arguments.id <= n:
-        raise ConfigurationError(
-            f'{arguments.id} is not valid, {file.path} has agents 1 to {n}', key='--id')
-    return file.path
+def _run(arguments, ros):
+    """Run a command; everything that can be checked without ROS is checked before it loads."""
+    from tetra_ros2 import configuration, parameters
+    try:
+        if arguments.command in TOOLS:
+            return TOOLS[arguments.command][0].run(arguments)
+        namespace = configuration.check_namespace(arguments.namespace)
+        kinds = parameters.PARAMETERS if arguments.command == 'launcher' else [arguments.command]
+        configuration.check_ros_arguments(ros, kinds)
+        config = None
+        if arguments.config is not None:
+            config = configuration.load(arguments.config).path
+        if namespace and arguments.command != 'launcher':
+            ros = [*ros, '-r', f'__ns:={namespace}']
+        return COMMANDS[arguments.command][1](arguments, config, ros)
+    except parameters.ConfigurationError as error:
+        print(f'tetra: error: {error}', file=sys.stderr)
+        return 2
 
 
 def agent():

@@ -8,6 +8,7 @@ Nothing unchecked gets past this module.
 """
 
 from dataclasses import dataclass
+import itertools
 import os
 from pathlib import Path
 import re
@@ -29,6 +30,9 @@ from tetra_ros2.parameters import (
     shown,
 )
 from tetra_ros2.share import share_directory
+
+LONGEST_NAMESPACE = 150
+"""How long a namespace may be; the names of topics must still fit behind it."""
 
 UNIT_TOLERANCE = 1e-3
 """How far from 1 the length of a quaternion that a user wrote down may be."""
@@ -369,3 +373,37 @@ def check_new(path):
         raise ConfigurationError(
             'exists already, and an existing recording is never overwritten; give another path',
             source=path)
+
+
+def check_namespace(namespace):
+    """
+    Return a namespace in full, ``/a/b``, or nothing for none.
+
+    :raises ConfigurationError: if ROS 2 does not allow it
+    """
+    full = '/' + namespace.strip('/') if namespace.strip('/') else ''
+    if not re.fullmatch(r'(/[A-Za-z_][A-Za-z0-9_]*)*', full) or len(full) > LONGEST_NAMESPACE:
+        raise ConfigurationError(
+            f'{shown(namespace)} is not valid, expected names of letters, digits and _, that do '
+            f'not begin with a digit, joined by /, {LONGEST_NAMESPACE} characters at most',
+            key='--namespace')
+    return full
+
+
+def check_ros_arguments(arguments, kinds):
+    """
+    Refuse parameters on a command line that no node will ever look at.
+
+    :param arguments: arguments as after ``--ros-args``
+    :param kinds: the kinds of node that are to run
+    :raises ConfigurationError: if there is one, or a parameter file is not valid
+    """
+    known = [spec.name for kind in kinds for spec in PARAMETERS[kind]]
+    for option, value in itertools.pairwise(arguments):
+        if option in ('-p', '--param'):
+            name = value.partition(':=')[0].rpartition(':')[2]
+            if name not in known and not is_ros_parameter(name):
+                raise ConfigurationError(
+                    f'there is no such parameter{nearest(name, known)}', key=f'-p {name}')
+        elif option == '--params-file':
+            ParameterFile(value)

@@ -16,11 +16,9 @@ from collections import Counter
 import time
 
 from rclpy.context import Context
-from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import ExternalShutdownException
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-from rclpy.validate_namespace import validate_namespace
 
 from tetra_ros2 import configuration
 from tetra_ros2.formation.summary import summarize
@@ -62,7 +60,6 @@ class Launcher:
     def __init__(self, config='complete', *, seed=None, mode=None, namespace='', record=None,
                  storage='mcap', parameters=None, without=(), ros_arguments=()):
         self._file = configuration.load(config)
-        self._namespace = namespace
         self._given = dict(parameters or {})
         if seed is not None:
             self._given['plant:seed'] = seed
@@ -73,13 +70,8 @@ class Launcher:
             self._given['recorder:output'] = str(record)
             self._given['recorder:storage'] = storage
         self._for_context, self._for_nodes = arguments_of(self._file.path, ros_arguments)
-        prefix = '/' + namespace.strip('/') if namespace.strip('/') else ''
-        try:
-            validate_namespace(prefix or '/')
-        except InvalidNamespaceException as error:
-            raise ConfigurationError(
-                f'{namespace!r} is not valid: {str(error).splitlines()[0].rstrip(":")}',
-                key='--namespace') from None
+        self._namespace = configuration.check_namespace(namespace)
+        configuration.check_ros_arguments(ros_arguments, PARAMETERS)
         for kind in PARAMETERS:
             check_parameters(kind, self._overrides(kind))
         self._without = set(without)
@@ -135,13 +127,14 @@ class Launcher:
                 self.agents[i] = self._add(Agent, 'agent', i)
         if names.PLANT not in self._without:
             self.plant = self._add(Plant, 'plant', start=False)
+        self._discover()
         if self._recording:
             from tetra_ros2.nodes.recorder import Recorder
             # In lockstep the recording is as reproducible as the run if it goes by its time.
             lockstep = self.plant is not None and self.plant.mode == 'lockstep'
             now = (lambda: self.plant.time.stamp) if lockstep else None
             self.recorder = self._add(Recorder, 'recorder', now=now)
-        self._discover()
+            self._discover()
         if self.plant is not None:
             self.plant.time.start()
 

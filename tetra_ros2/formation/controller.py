@@ -86,17 +86,30 @@ class Controller:
             wz -= rate * cz
         return wx, wy, wz
 
-    def oldest(self):
-        """Return when the longest silent neighbour was heard last, and the oldest stamp in use."""
-        return min(self.heard_at, default=NEVER), min(self._stamps, default=0)
+    @property
+    def complete(self):
+        """Return whether there is a measurement of every neighbour."""
+        return None not in self._seen
 
-    def forget(self):
+    @property
+    def oldest_stamp(self):
+        """Return the stamp of the oldest measurement in use [ns]."""
+        return min(self._stamps, default=0)
+
+    def unseen(self):
+        """Return the slots of the neighbours of which there is no measurement."""
+        return [slot for slot, seen in enumerate(self._seen) if seen is None]
+
+    def forget(self, before=math.inf):
         """
-        Forget all measurements: whatever comes next is welcome, whatever its stamp.
+        Forget the measurements of neighbours not heard since: what they say next is welcome.
 
         Silence has outlasted the patience for it. Who speaks next may be a plant that was started
-        again, with a clock that was started again.
+        again, with a clock that was started again: so its stamp may be anything.
+
+        :param before: forget those last heard before this time [s]; by default all
         """
-        m = len(self.weights)
-        self.heard_at, self._seen, self._stamps = [NEVER] * m, [None] * m, [0] * m
-        self.stamp, self._missing = 0, self._all
+        for slot, heard_at in enumerate(self.heard_at):
+            if heard_at < before:
+                self.heard_at[slot], self._seen[slot], self._stamps[slot] = NEVER, None, 0
+        self.stamp, self._missing = max(self._stamps, default=0), self._all

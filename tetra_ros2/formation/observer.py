@@ -18,15 +18,18 @@ class Observer:
 
     The error is the largest distance of a pairwise angle from the known shape's [rad]. Where no
     shape is known it is how fast the fastest of them changes [rad/s]: the formation has formed
-    when its shape has come to rest.
+    when its shape has come to rest, that is when this is below the tolerance as a fraction of
+    what the law could command.
 
     :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
-    :param tolerance: the error below which it has formed [rad, or rad/s]
+    :param tolerance: the error below which it has formed [rad, or a fraction of ``fastest``]
+    :param fastest: the fastest rate that the law can command [rad/s]
     """
 
-    def __init__(self, topology, tolerance):
+    def __init__(self, topology, tolerance, fastest=1.0):
         self.tolerance = tolerance
         self.shape = known_shape(topology)
+        self._scale = fastest if self.shape is None else 1.0
         self.pairs = measures.pairs(topology.n)
         self.count = 0  # samples seen
         self.stamp = None  # of the last one [ns]
@@ -75,7 +78,7 @@ class Observer:
             change = max([abs(a - b) for a, b in zip(angles, self._angles)])
             self.error = change / (stamp - self.stamp) * 1e9
         self._angles = angles
-        if self.error > self.tolerance:
+        if not self.error < self.tolerance * self._scale:
             self.formed_at = None
         elif self.formed_at is None:
             self.formed_at = stamp

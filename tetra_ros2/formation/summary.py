@@ -36,7 +36,7 @@ class Summary:
 
     :param shape: name of the shape, or None if the topology has no known one
     :param formed: whether the error stayed below the tolerance to the end
-    :param tolerance: [rad], or [rad/s] where no shape is known
+    :param tolerance: [rad], or a fraction of the fastest rate where no shape is known
     :param time_to_form: formation time from the start until the error stayed below [s], or None
     :param duration: formation time that passed [s]
     :param error: final error: how far the worst pairwise angle is from the shape [rad], or how

@@ -46,15 +46,21 @@ class Agent(FormationNode):
         self._neighbors = [j for j, _ in neighbors]
         self._controller = Controller(
             formation.axes[i - 1].tolist(), [weight for _, weight in neighbors], formation.gain)
-        self._timeout = values['measurement_timeout']
         self._measurement = cdr.vector3_stamped(names.body_frame(i))
         self._command = cdr.twist_stamped(names.body_frame(i))
         self._heard = self._answered = False  # since the last tick
-        self._state = 'waiting for measurements'
-        self._stop_stamp = None
+        self._state = diagnostics.WARN, 'waiting for measurements'
+        self._newest = 0  # stamp of the newest measurement ever answered [ns]
         self.measurements = self.answers = self.partial_answers = 0
+        # Silence is measured in the time that the formation lives in.
+        self._clock_of_ticks = Clock(clock_type=ClockType.STEADY_TIME)
+        self._now = time.monotonic
+        if self.get_parameter('use_sim_time').value:
+            self._clock_of_ticks = self.get_clock()
+            self._now = self._sim_time
 
-        self._publisher = self.offer(TwistStamped, names.cmd_vel(i), qos.NEWEST)
+        self._publisher = self.offer(
+            TwistStamped, names.cmd_vel(i), qos.NEWEST, exclusive=True)
         for slot, j in enumerate(self._neighbors):
             self.listen(Vector3Stamped, names.relative_attitude(i, j),
                         partial(self._on_measurement, slot), qos.NEWEST)
@@ -64,12 +70,16 @@ class Agent(FormationNode):
         if not neighbors:
             self.get_logger().warning('this agent sees nobody and will never move')
 
+    def _sim_time(self):
+        return self.get_clock().now().nanoseconds / 1e9
+
     def close(self):
         """Stop the body, for good: the last command is zero."""
         self._ticker.cancel()
         while self.inputs:  # nothing may be answered after the last command
             self.destroy_subscription(self.inputs.pop())
         self._stop()
+        # The plant may listen with best effort; it has a time-out of its own for the worst case.
         self._publisher.wait_for_all_acked(Duration(seconds=0.5))
 
     def _accept(self, values):
@@ -79,16 +89,17 @@ class Agent(FormationNode):
         """Follow the parameters that may change at run time."""
         self._controller.gain = gain_from_parameters(values)
         self._timeout = values['measurement_timeout']
-        if self._ticker is not None:
-            self.destroy_timer(self._ticker)
-        self._ticker = self.create_timer(
-            1.0 / values['rate'], self._on_tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        period = 1.0 / values['rate']
+        if self._ticker is None or self._ticker.timer_period_ns != round(period * 1e9):
+            if self._ticker is not None:
+                self.destroy_timer(self._ticker)
+            self._ticker = self.create_timer(period, self._on_tick, clock=self._clock_of_ticks)
 
     def _on_measurement(self, slot, message):
         """Hand a measurement to the law, and publish the answer if there is one."""
         try:
             stamp, seen = self._measurement.decode(message)
-            rate = self._controller.receive(slot, stamp, seen, time.monotonic())
+            rate = self._controller.receive(slot, stamp, seen, self._now())
         except Rejected as rejection:
             self.health.reject(rejection, f'agent_{self._neighbors[slot]}')
             return
@@ -96,6 +107,7 @@ class Agent(FormationNode):
         self._heard = True
         if rate is not None:
             self._publish(stamp, rate)
+            self._newest = stamp
             self.answers += 1
             self._answered = True
 
@@ -103,39 +115,43 @@ class Agent(FormationNode):
         """Answer with what there is, or stop, if no full set came since the last time."""
         heard, answered = self._heard, self._answered
         self._heard = self._answered = False
-        heard_at, stamp = self._controller.oldest()
+        controller = self._controller
         if answered:
-            self._state = 'answering'
-        elif not self._neighbors:
-            self._state = 'sees nobody'
-        elif time.monotonic() - heard_at > self._timeout:
-            self._stop()
-        elif heard:
-            # The stamp is that of the oldest measurement in it: the answer is no newer than that.
-            self._publish(stamp, self._controller.angular_velocity())
-            self.partial_answers += 1
-            self._state = 'answering to measurements of different times'
+            self._state = diagnostics.OK, 'answering'
+            return
+        newest = controller.stamp
+        controller.forget(before=self._now() - self._timeout)
+        if not self._neighbors:
+            self._state = diagnostics.WARN, 'sees nobody'
+        elif controller.complete:
+            if heard:
+                # As old as its oldest measurement: the answer is no newer than that.
+                self._publish(controller.oldest_stamp, controller.angular_velocity())
+                self._newest = max(self._newest, newest)
+                self.partial_answers += 1
+                self._state = diagnostics.WARN, 'answering to measurements of different times'
+        else:
+            unseen = ', '.join(names.agent(self._neighbors[s]) for s in controller.unseen())
+            if self._newest:
+                self._newest = max(self._newest, newest)
+                self._stop()
+                self._state = diagnostics.ERROR, f'stopped, nothing heard of {unseen}'
+            else:
+                self._state = diagnostics.WARN, f'waiting for measurements of {unseen}'
 
     def _stop(self):
-        """Command zero, and forget what was seen."""
+        """Command zero, if anything else was ever commanded."""
         # One nanosecond after the newest measurement: newer than every command so far, and the
         # answer to no measurement, for which a plant in lockstep could take it.
-        if self._controller.stamp:
-            self._stop_stamp = self._controller.stamp + 1
-            silent = [f'agent_{j}' for j, heard_at in zip(
-                self._neighbors, self._controller.heard_at)
-                if time.monotonic() - heard_at > self._timeout]
-            self._state = f'stopped, nothing heard of {", ".join(silent)}'
-            self._controller.forget()
-        if self._stop_stamp is not None:
-            self._publish(self._stop_stamp, (0.0, 0.0, 0.0))
+        if self._newest:
+            self._publish(self._newest + 1, (0.0, 0.0, 0.0))
 
     def _publish(self, stamp, rate):
         self._publisher.publish(self._command.encode(stamp, 0.0, 0.0, 0.0, *rate))
 
     def assess(self):
         """Return level, message and figures for the diagnostics."""
-        now = time.monotonic()
+        now = self._now()
         rates = self.health.rates({
             'measurement rate [Hz]': self.measurements,
             'answer rate [Hz]': self.answers,
@@ -144,20 +160,8 @@ class Agent(FormationNode):
         values = {'measurements': self.measurements, 'answers': self.answers,
                   'partial answers': self.partial_answers, **rates}
         for j, heard_at in zip(self._neighbors, self._controller.heard_at):
-            age = now - heard_at
-            values[f'age of agent_{j} [s]'] = age
-        level, message = diagnostics.OK, self._state
-        if self._state.startswith('stopped'):
-            level = diagnostics.ERROR
-        elif self._state != 'answering':
-            level = diagnostics.WARN
-        topic = self._publisher.topic_name
-        publishers = self.count_publishers(topic)
-        values['publishers on cmd_vel'] = publishers
-        if publishers > 1:
-            level = max(level, diagnostics.WARN)
-            message = f'{message}; {diagnostics.crowded([topic])}'
-        return level, message, values
+            values[f'age of agent_{j} [s]'] = now - heard_at
+        return *self._state, values
 
 
 def main(i, config=None, arguments=()):

@@ -8,9 +8,8 @@ Unlike an agent it sees absolute attitudes and knows what is to come out; nobody
 but people.
 """
 
-import time
-
 from geometry_msgs.msg import PoseArray
+import numpy as np
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 
@@ -21,8 +20,8 @@ from tetra_ros2.formation.observer import Observer
 from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
 from tetra_ros2.ros.node import FormationNode
 
-PATIENCE = 1.0
-"""After how long with old stamps only [s] the plant's clock is taken to have been started anew."""
+PATIENCE = 3
+"""After how many old stamps in a row the plant is taken to have been started anew."""
 
 
 class Monitor(FormationNode):
@@ -37,8 +36,8 @@ class Monitor(FormationNode):
         super().__init__(names.MONITOR, **kwargs)
         values = parameters.declare(self, 'monitor', Formation.from_parameters, self._apply)
         self.formation = formation = Formation.from_parameters(values)
-        self.observer = Observer(formation.topology, values['tolerance'])
-        self._observed_at = time.monotonic()
+        self.observer = self._make_observer(values['tolerance'])
+        self._old = 0  # how many old stamps in a row
         self._awaited = None
         self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decode
         self._cosines = self.offer(Float64MultiArray, names.COSINES, qos.STATE)
@@ -64,6 +63,11 @@ class Monitor(FormationNode):
               for i, j in self.observer.pairs)]
         return message
 
+    def _make_observer(self, tolerance):
+        topology, gain = self.formation.topology, self.formation.gain
+        fastest = float(gain.f(0.0) * np.abs(topology.weights).sum(axis=1).max())
+        return Observer(topology, tolerance, fastest)
+
     def _apply(self, values):
         self.observer.tolerance = values['tolerance']
         self.formation = Formation.from_parameters(values)
@@ -75,10 +79,12 @@ class Monitor(FormationNode):
             new = observer.observe(stamp, poses)
         except Rejected as rejection:
             self.health.reject(rejection, names.ATTITUDES)
-            if time.monotonic() - self._observed_at > PATIENCE:
-                self.observer = Observer(self.formation.topology, observer.tolerance)
+            self._old += str(rejection) == Rejected.OLD_STAMP
+            if self._old >= PATIENCE:
+                self._old = 0
+                self.observer = self._make_observer(observer.tolerance)
             return
-        self._observed_at = time.monotonic()
+        self._old = 0
         if not new:
             return
         self._cosines.publish(self._encode_cosines(*observer.cosines))

@@ -22,7 +22,8 @@ from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.formation.checks import Rejected, require_rate
 from tetra_ros2.formation.sensing import delay_in_steps, Sensors
 from tetra_ros2.nodes.timekeepers import Lockstep, RealTime
-from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
+from tetra_ros2.parameters import ConfigurationError
+from tetra_ros2.ros import cdr, executor, names, parameters, qos
 from tetra_ros2.ros.node import FormationNode
 
 
@@ -51,7 +52,8 @@ class Plant(FormationNode):
         self._rng = np.random.default_rng(max(self.seed, 0))
         self.bodies = RigidBodies(self._initial_attitudes(), self.formation.axes)
 
-        self._state_publisher = self.offer(PoseArray, names.ATTITUDES, qos.STATE)
+        self._state_publisher = self.offer(
+            PoseArray, names.ATTITUDES, qos.STATE, exclusive=True)
         self._state = cdr.pose_array(names.WORLD, n)
         # For each agent that sees anybody: its index, whom it sees, the publishers, the codec.
         self._sensors = []
@@ -111,6 +113,11 @@ class Plant(FormationNode):
     def _accept(self, values):
         formation = Formation.from_parameters(values)
         initial_attitudes(values, formation.topology.n)
+        timeout, rate = values['command_timeout'], values['rate']
+        if values['mode'] == 'realtime' and 0.0 < timeout < 2.0 / rate:
+            raise ConfigurationError(
+                f'{timeout} is not valid, expected at least two periods, {2.0 / rate:g} s at '
+                f'{rate:g} Hz', key='command_timeout')
 
     def _apply(self, values):
         """Follow the parameters that may change at run time."""
@@ -168,12 +175,7 @@ class Plant(FormationNode):
 
     def assess(self):
         """Return level, message and figures for the diagnostics."""
-        level, message, values = self.time.assess(self.health)
-        crowded = [s.topic_name for s in self.inputs if s.get_publisher_count() > 1]
-        if crowded:
-            level = max(level, diagnostics.WARN)
-            message = f'{message}; {diagnostics.crowded(crowded)}'
-        return level, message, values
+        return self.time.assess(self.health)
 
 
 def main(config=None, arguments=()):

@@ -8,12 +8,14 @@ It needs no rosbag2: the files are written by rosbags, and ``ros2 bag``, Foxglov
 read them.
 """
 
+from contextlib import suppress
 from datetime import datetime
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 import re
 
+import apsw
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -25,7 +27,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.base import TypesysError
 
@@ -39,6 +41,8 @@ DISCOVERY_PERIOD = 0.1
 
 DEPTH = 10000
 """How many messages of a topic may wait to be written."""
+
+WRITING_ERRORS = OSError, apsw.Error, WriterError
 
 _STORAGE = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 
@@ -62,6 +66,7 @@ class Recorder(FormationNode):
         self._wanted = re.compile('|'.join(f'(?:{p})' for p in self._patterns(values)))
         self.path = Path(values['output'] or f'tetra_{datetime.now():%Y_%m_%d-%H_%M_%S}')
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
+        self.exclusive_inputs = False
         self._now = now or (lambda: self.get_clock().now().nanoseconds)
         self._recorded = set()
         self._refused = set()
@@ -106,14 +111,30 @@ class Recorder(FormationNode):
     def close(self):
         """End the recording; what has come so far is all there, and the bag is complete."""
         writer, self._writer = self._writer, None
-        if writer is not None:
+        if writer is None:
+            return
+        try:
             writer.close()
-            self.get_logger().info(
-                f'{sum(self.counts.values())} messages of {len(self.counts)} topics are in '
-                f'{self.path}')
+        except WRITING_ERRORS as error:
+            self._fail(error)
+            return
+        self.get_logger().info(
+            f'{sum(self.counts.values())} messages of {len(self.counts)} topics are in '
+            f'{self.path}')
+
+    def _fail(self, error):
+        """Give up recording: what is on the disk stays there, and may have to be recovered."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            with suppress(*WRITING_ERRORS):
+                writer.abort()
+        self.exit_status = 1
+        self.get_logger().error(f'{self.path} cannot be written any more: {error}')
 
     def discover(self):
         """Begin to record those of the wanted topics that have appeared."""
+        if self._writer is None:
+            return
         for topic, types in self.get_topic_names_and_types():
             if topic in self._recorded or not self._wanted.fullmatch(topic):
                 continue
@@ -151,7 +172,11 @@ class Recorder(FormationNode):
         if self._writer is None or not now:
             return
         self._last = max(now, self._last)  # the system's clock may be set back; a bag's may not
-        self._writer.write(connection, self._last, message)
+        try:
+            self._writer.write(connection, self._last, message)
+        except WRITING_ERRORS as error:
+            self._fail(error)
+            return
         self.counts[topic] += 1
 
     def assess(self):
@@ -160,6 +185,8 @@ class Recorder(FormationNode):
         values = {'path': self.path, 'topics': len(self.counts), 'messages': total,
                   **self.health.rates({'message rate [Hz]': total}),
                   **{f'messages on {topic}': n for topic, n in self.counts.items()}}
+        if self._writer is None:
+            return diagnostics.ERROR, 'not recording any more', values
         if not self.counts:
             return diagnostics.WARN, 'no topic to record yet', values
         return diagnostics.OK, 'recording', values

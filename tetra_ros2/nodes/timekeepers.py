@@ -8,6 +8,7 @@ A timekeeper decides when the bodies take a step, how long it is, and which comm
 starts and stops, takes commands, and is told when the state was changed under its hands.
 """
 
+import math
 import time
 
 from rclpy.clock import Clock
@@ -18,6 +19,9 @@ from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.ros import cdr, diagnostics, names, qos
 
 STILL = (0.0, 0.0, 0.0)
+
+FUTURE_TOLERANCE = 500_000_000
+"""How far ahead of the measurements the stamp of a command may be in real time [ns]."""
 
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
@@ -32,9 +36,10 @@ class Lockstep:
     The plant waits for all commands that answer step k, and only then takes the step.
 
     State and measurements go out again every ``republish_period`` while it waits: who joined
-    late, or lost a message, costs time and nothing else. An agent that has not answered for
-    ``command_timeout`` is held still and not waited for until it answers again. The stamp of the
-    first measurements is one period: to ROS, a stamp of zero means no time at all.
+    late, or lost a message, costs time and nothing else. An agent that falls silent for
+    ``command_timeout`` is held still and not waited for until it answers again; one that has
+    never answered is waited for. The stamp of the first measurements is one period: to ROS, a
+    stamp of zero means no time at all.
 
     :param plant: the node
     :param agents: indices, from 0, of the agents that have anything to answer
@@ -49,6 +54,7 @@ class Lockstep:
         self._plant = plant
         self._everybody = sum(1 << i for i in agents)  # agents are bits of integers here
         self._missing = 0  # whose answer is still to come
+        self._known = 0  # who has ever answered
         self._absent = 0  # who is not waited for
         self._absent_since = 0
         self._rates = [STILL] * len(plant.bodies.axes)
@@ -56,9 +62,10 @@ class Lockstep:
         self._due = True  # whether the pace allows the next step
         self._waiting_since = time.monotonic()
         self._last_stamp = None
+        self._pace = None  # between two steps [s]
         self._patience = 0.0  # how long to wait before the measurements are sent again [s]
         self._watchdog = self._pacer = None
-        self._clock = plant.offer(ClockMessage, names.CLOCK, qos.NEWEST)
+        self._clock = plant.offer(ClockMessage, names.CLOCK, qos.NEWEST, exclusive=True)
 
     def configure(self, values):
         """Take the parameters, at the start and whenever they change."""
@@ -71,13 +78,16 @@ class Lockstep:
             self._patience = values['republish_period']
             self._watchdog = self._plant.create_timer(
                 self._patience, self._on_watchdog, clock=_STEADY)
-        if self._pacer is not None:
-            self._plant.destroy_timer(self._pacer)
-            self._pacer = None
-        self._due = True
-        if values['real_time_factor']:
-            self._pacer = self._plant.create_timer(
-                self._h / values['real_time_factor'], self._on_due, clock=_STEADY)
+        # With nobody to wait for, something else must set the pace.
+        factor = values['real_time_factor'] or (0.0 if self._everybody else 100.0)
+        pace = self._h / factor if factor else None
+        if pace != self._pace:
+            self._pace = pace
+            self._due = True
+            if self._pacer is not None:
+                self._plant.destroy_timer(self._pacer)
+            self._pacer = None if pace is None else self._plant.create_timer(
+                pace, self._on_due, clock=_STEADY)
 
     def start(self):
         """Publish the state at hand and wait for the answers."""
@@ -111,6 +121,7 @@ class Lockstep:
         :raises Rejected: if there have been no such measurements yet
         """
         bit = 1 << i
+        self._known |= bit
         if stamp == self.stamp:
             self._absent &= ~bit
             self._rates[i] = rate
@@ -156,11 +167,12 @@ class Lockstep:
         waited = time.monotonic() - self._waiting_since
         if not self.stamp or waited < 0.5 * self._patience:
             return
-        if self._missing and waited > self._timeout and not self.paused:
-            self._absent |= self._missing
+        silent = self._missing & self._known
+        if silent and waited > self._timeout and not self.paused:
+            self._absent |= silent
             self._absent_since = self.stamp
-            self._missing = 0
-        if self._missing or self.paused:
+            self._missing &= ~silent
+        if self._missing or self.paused or not self._due:
             self.repetitions += 1
             self._publish_clock()
             self._plant.publish(self.stamp)
@@ -204,17 +216,22 @@ class RealTime:
         self._rates = [STILL] * len(plant.bodies.axes)
         self._stamps = [0] * len(self._rates)
         self._silent = 0
-        self._started_at = None
-        self._timer = None
+        self._elapsed = 0  # formation time in which the bodies were not paused [ns]
+        self._duration = self._timer = None
 
     def configure(self, values):
         """Take the parameters, at the start and whenever they change."""
-        self._period = _period(values['rate'])
-        self._timeout = round(min((values['command_timeout'] or self.DEFAULT_TIMEOUT), 1e9) * 1e9)
-        self._duration = round(values['duration'] * 1e9) or None
-        if self._timer is not None:
+        period = _period(values['rate'])
+        timeout = values['command_timeout'] or max(self.DEFAULT_TIMEOUT, 3.0 * period / 1e9)
+        self._timeout = round(min(timeout, 1e9) * 1e9)
+        if self._timer is None:
+            self._duration = round(values['duration'] * 1e9) or None
+        elif period != self._period:
             self._plant.destroy_timer(self._timer)
-        self._timer = self._plant.create_timer(self._period / 1e9, self._on_timer)
+            self._timer = None
+        if self._timer is None:
+            self._period = period
+            self._timer = self._plant.create_timer(period / 1e9, self._on_timer)
 
     def start(self):
         """Begin; the timer does the rest."""
@@ -232,7 +249,14 @@ class RealTime:
         self.pause(False)
 
     def state_changed(self):
-        """Do nothing: the next measurements show it."""
+        """Publish the state; the commands so far were for another one."""
+        self._forget_commands()
+        self.stamp = self._plant.get_clock().now().nanoseconds
+        self._plant.publish(self.stamp)
+
+    def _forget_commands(self):
+        self._rates = [STILL] * len(self._rates)
+        self._stamps = [0] * len(self._stamps)
 
     def command(self, i, stamp, rate):
         """
@@ -245,7 +269,7 @@ class RealTime:
         """
         if stamp < self._stamps[i]:
             raise Rejected(Rejected.OLD_STAMP)
-        if stamp > self.stamp + self._timeout:
+        if stamp > self.stamp + FUTURE_TOLERANCE:
             raise Rejected(Rejected.FUTURE_STAMP)
         self._stamps[i] = stamp
         self._rates[i] = rate
@@ -255,8 +279,7 @@ class RealTime:
         before, self.stamp = self.stamp, now
         elapsed = now - before
         if not before or elapsed <= 0:  # the first time, or the clock was set back
-            self._stamps = [0] * len(self._stamps)
-            self._started_at = now
+            self._forget_commands()
         elif not self.paused:
             oldest = now - self._timeout
             rates = []
@@ -271,7 +294,8 @@ class RealTime:
             self._plant.bodies.step(elapsed / 1e9, rates)
             self.steps += 1
             self.late_steps += elapsed > 1.5 * self._period
-            if self._duration is not None and now - self._started_at >= self._duration:
+            self._elapsed += elapsed
+            if self._duration is not None and self._elapsed >= self._duration:
                 self.paused, self._duration = True, None
         self._plant.publish(now)
 
@@ -283,7 +307,8 @@ class RealTime:
                   'deadline misses': self.late_steps,
                   'commands not answering the previous step': expected - self.fresh_commands}
         for i in self._agents:
-            values[f'age of command of agent_{i + 1} [s]'] = (self.stamp - self._stamps[i]) / 1e9
+            age = (self.stamp - self._stamps[i]) / 1e9 if self._stamps[i] else math.inf
+            values[f'age of command of agent_{i + 1} [s]'] = age
         silent = self._silent & sum(1 << i for i in self._agents)
         if self.paused:
             return diagnostics.OK, 'paused', values

@@ -64,6 +64,12 @@ class Health:
     def report(self):
         """Publish and log the state of the node."""
         level, message, values = self._assess()
+        if crowded := self._node.crowded_topics():
+            # DDS takes some 20 s to notice that a process was killed.
+            level = max(level, WARN)
+            message += (f'; more than one publisher on {", ".join(crowded)}: two nodes where one '
+                        'is right, or one that died within the last 20 s')
+            values = {**values, 'crowded topics': len(crowded)}
         news = self.rejected - self._logged
         if news:
             self._logged = Counter(self.rejected)
@@ -96,13 +102,6 @@ class Health:
                 logger.warning(message)
             else:
                 logger.error(message)
-
-
-def crowded(topics):
-    """Return in words that these topics have more than one publisher where one is right."""
-    # DDS takes some 20 s to notice that a process was killed.
-    return (f'more than one publisher on {", ".join(topics)}: two agents of one number, or one '
-            'that died within the last 20 s')
 
 
 def _text(value):

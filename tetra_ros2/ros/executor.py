@@ -9,6 +9,7 @@ import signal
 import time
 
 from rclpy.context import Context
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.task import Future
 
@@ -112,6 +113,16 @@ def initialize(context, arguments):
         raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from None
 
 
+def _make(make_node, **kwargs):
+    try:
+        return make_node(**kwargs)
+    except ConfigurationError:
+        raise
+    except (ParameterException, RuntimeError, ValueError) as error:
+        # What rclpy and rcl say of a name, a parameter of theirs or a quality of service.
+        raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from error
+
+
 def run(make_node, config=None, arguments=()):
     """
     Run one node until it is signalled or shut down; the body of every node's ``main``.
@@ -120,7 +131,7 @@ def run(make_node, config=None, arguments=()):
         ``close`` is called at the end, while it can still publish
     :param config: path of a checked parameter file, or None
     :param arguments: arguments as after ``--ros-args`` on a command line
-    :returns: the exit status: 0 after a signal
+    :returns: the exit status: the node's, 0 if nothing went wrong
     :raises ConfigurationError: if the node cannot be configured
     """
     for_context, for_node = ros_arguments(config, arguments)
@@ -129,7 +140,7 @@ def run(make_node, config=None, arguments=()):
     executor = make_executor(context)
     try:
         with until_signalled(executor) as signalled:
-            node = make_node(context=context, **for_node)
+            node = _make(make_node, context=context, **for_node)
             executor.add_node(node)
             try:
                 while not signalled.done():
@@ -140,7 +151,7 @@ def run(make_node, config=None, arguments=()):
                 node.close()
                 executor.remove_node(node)
                 node.destroy_node()
-        return 0
+        return node.exit_status
     finally:
         executor.shutdown()
         context.try_shutdown()

@@ -3,6 +3,8 @@
 
 """What the nodes of a formation have in common."""
 
+from copy import copy
+
 from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -23,21 +25,39 @@ class FormationNode(Node):
         super().__init__(*args, **kwargs)
         self.inputs = []  # subscriptions
         self.outputs = []  # publishers
+        self.exclusive_outputs = []  # names of topics on which nobody else may publish
+        self.exclusive_inputs = True  # whether one publisher is right for each subscription
         self.health = None
+        self.exit_status = 0  # of the process that runs this node
+
+    # Profiles are copied: rclpy writes what is overridden into the very object it is given.
 
     def listen(self, message_type, topic, callback, profile):
         """Subscribe to the bytes of a topic, with quality of service open to overrides."""
         self.inputs.append(self.create_subscription(
-            message_type, topic, callback, profile, raw=True,
+            message_type, topic, callback, copy(profile), raw=True,
             qos_overriding_options=QoSOverridingOptions.with_default_policies()))
 
-    def offer(self, message_type, topic, profile):
-        """Return a publisher, with quality of service open to overrides."""
+    def offer(self, message_type, topic, profile, exclusive=False):
+        """
+        Return a publisher, with quality of service open to overrides.
+
+        :param exclusive: whether somebody else on the topic is a mistake to be reported
+        """
         publisher = self.create_publisher(
-            message_type, topic, profile,
+            message_type, topic, copy(profile),
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
         self.outputs.append(publisher)
+        if exclusive:
+            self.exclusive_outputs.append(publisher.topic_name)
         return publisher
+
+    def crowded_topics(self):
+        """Return the topics with more than one publisher where one is right."""
+        topics = {topic for topic in self.exclusive_outputs if self.count_publishers(topic) > 1}
+        if self.exclusive_inputs:
+            topics |= {s.topic_name for s in self.inputs if s.get_publisher_count() > 1}
+        return sorted(topics)
 
     def report_health(self):
         """Begin to report on ``diagnostics``."""

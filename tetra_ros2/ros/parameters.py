@@ -12,6 +12,7 @@ from rcl_interfaces.msg import (
     ParameterType,
     SetParametersResult,
 )
+from rclpy.parameter import Parameter
 
 from tetra_ros2.parameters import check_parameters, ConfigurationError, PARAMETERS
 
@@ -47,6 +48,10 @@ def declare(node, kind, accept, apply):
         return check_parameters(kind, {k: v for k, v in given.items() if v is not None})
 
     def on_set(changes):
+        for change in changes:
+            if change.name in specs and change.type_ == Parameter.Type.NOT_SET:
+                return SetParametersResult(
+                    successful=False, reason=f'{change.name} cannot be deleted')
         try:
             accept(values(changes))
         except ConfigurationError as error:
