@@ -41,6 +41,7 @@ setup(
         # For a machine without ROS 2. Whoever has it from apt must not install this.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'record': ['rosbags'],
+        # Of the tools: figures; study, which makes do without; study --scheduler.
         'analysis': ['matplotlib'],
         'study': ['numba', 'pyarrow'],
         'cluster': ['distributed'],
@@ -51,9 +52,13 @@ setup(
             'colcon-recursive-crawl',
             'colcon-ros',
             'colcon-test-result',
+            'distributed',
             'hypothesis',
+            'matplotlib',
             'mcap',
             'mcap-ros2-support',
+            'numba',
+            'pyarrow',
             'pytest',
             'pytest-timeout',
             'rosbags',
