@@ -7,7 +7,7 @@ VENV := .venv
 CLEAN := env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH
 TETRA := $(CLEAN) $(VENV)/bin/tetra
 
-.PHONY: help demo test lint clean
+.PHONY: help demo test verify lint clean
 
 help:  ## say what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
@@ -21,6 +21,9 @@ demo: $(VENV)/.ros  ## form the complete and then the rotating formation
 test: $(VENV)/.test  ## run all tests
 	$(CLEAN) $(VENV)/bin/ruff check .
 	$(CLEAN) $(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+
+verify: $(VENV)/.test  ## check every claim of the paper
+	@$(TETRA) verify
 
 lint: $(VENV)/.test  ## check the style
 	$(CLEAN) $(VENV)/bin/ruff check .

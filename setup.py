@@ -19,6 +19,32 @@ if not {'bdist_wheel', 'dist_info', 'editable_wheel'}.intersection(sys.argv):
         name: f'tetra_ros2.cli:{name}'
         for name in ('agent', 'plant', 'monitor', 'recorder', 'launcher')})
 
+extras = {
+    # For a machine without ROS 2. Whoever has it from apt must not install this.
+    'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+    'record': ['rosbags'],
+    'analysis': ['matplotlib'],
+    'study': ['numba', 'pyarrow'],
+    'cluster': ['distributed'],
+}
+extras['all'] = [package for name in extras if name != 'ros' for package in extras[name]]
+extras['test'] = [
+    *extras['all'],
+    'colcon-bash',
+    'colcon-core',
+    'colcon-library-path',
+    'colcon-recursive-crawl',
+    'colcon-ros',
+    'colcon-test-result',
+    'hypothesis',
+    'mcap',
+    'mcap-ros2-support',
+    'pytest',
+    'pytest-timeout',
+    'ruff',
+    'setuptools',
+]
+
 setup(
     name=package_name,
     version='0.1.0',
@@ -37,35 +63,7 @@ setup(
     ],
     python_requires='>=3.10',
     install_requires=['numpy', 'PyYAML', 'rich'],
-    extras_require={
-        # For a machine without ROS 2. Whoever has it from apt must not install this.
-        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'record': ['rosbags'],
-        # Of the tools: figures; study, which makes do without; study --scheduler.
-        'analysis': ['matplotlib'],
-        'study': ['numba', 'pyarrow'],
-        'cluster': ['distributed'],
-        'test': [
-            'colcon-bash',
-            'colcon-core',
-            'colcon-library-path',
-            'colcon-recursive-crawl',
-            'colcon-ros',
-            'colcon-test-result',
-            'distributed',
-            'hypothesis',
-            'matplotlib',
-            'mcap',
-            'mcap-ros2-support',
-            'numba',
-            'pyarrow',
-            'pytest',
-            'pytest-timeout',
-            'rosbags',
-            'ruff',
-            'setuptools',
-        ],
-    },
+    extras_require=extras,
     zip_safe=False,
     entry_points={'console_scripts': [f'{name} = {target}' for name, target in scripts.items()]},
 )

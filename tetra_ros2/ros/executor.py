@@ -6,6 +6,7 @@
 from contextlib import contextmanager
 import os
 import signal
+import time
 
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException
@@ -27,6 +28,9 @@ callbacks. A finite time also bounds how long a signal waits for Python to see i
 same executor does not look at the time before its queue is empty: what must happen meanwhile
 belongs in a timer, and what must end the spinning in a future.
 """
+
+SAME_SIGNAL = 1.0
+"""Signals within this time of the first [s] count as one."""
 
 
 def make_executor(context):
@@ -53,14 +57,18 @@ def until_signalled(executor):
 
     rclpy's own handlers shut the context down at once, after which a node can no longer say what
     it has to: a last command of zero, the end of a recording. A second signal ends the process
-    the hard way.
+    the hard way, unless it comes with the first: a terminal and a parent may both send one.
     """
     future = Future(executor=executor)
+    signalled_at = []
 
     def stop(number, _frame):
-        signal.signal(number, previous[number])
+        signalled_at.append(time.monotonic())
         if not future.done():
             future.set_result(number)
+        elif signalled_at[-1] - signalled_at[0] > SAME_SIGNAL:
+            signal.signal(number, previous[number])
+            signal.raise_signal(number)
 
     previous = {number: signal.signal(number, stop)
                 for number in (signal.SIGINT, signal.SIGTERM)}
