@@ -14,16 +14,17 @@ DURATIONS = {('complete', 0): 8.0, ('complete', 1): 40.0,
 NAMES = (r'$f_1(\theta) = 1 + \cos\theta$', r'$f_2(\theta) = e^{-\theta}$')
 
 AGENTS = (('#000000', '-', 'o'), ('#0b5fa5', '--', 's'), ('#c8501e', '-.', '^'),
-          ('#7fa81f', (0, (1, 1)), 'D'))
+          ('#6b9416', (0, (1, 1)), 'D'))
 """Colour, line and marker of each agent: as colours they differ in lightness, and in grey too."""
 
 PAIRS = (('#000000', '-'), ('#5b2a86', '--'), ('#0b5fa5', '-.'), ('#b03a2e', (0, (1, 1))),
-         ('#c98a00', (0, (5, 1, 1, 1, 1, 1))), ('#7fa81f', (0, (6, 2))))
+         ('#c98a00', (0, (5, 1, 1, 1, 1, 1))), ('#6b9416', (0, (6, 2))))
 
 VIEW = (-60.0, 22.0)
 """From where the sphere is seen: longitude and latitude [deg]."""
 
-PREDICTION = {'color': '0.45', 'linewidth': 3.2, 'alpha': 0.45, 'solid_capstyle': 'round'}
+PREDICTION = {'color': '0.83', 'linewidth': 3.4, 'solid_capstyle': 'round',
+              'zorder': 1.9}
 
 
 def add_arguments(parser):
