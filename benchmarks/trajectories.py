@@ -25,7 +25,6 @@ WEIGHTS = np.ones((4, 4)) - np.eye(4)
 
 STEPS = (40, 60, 80, 100, 120, 160, 200, 240, 260, 280, 300, 320, 340, 360, 380, 400, 500, 640,
          800, 1600)
-HIGH_ORDER_STEPS = (15, 20, 25, 30, 32, 34, 36, 38, 40, 42, 44, 46, 48, 50, 60, 80, 160)
 TOLERANCES = tuple(10.0 ** (-0.25 * k) for k in range(16, 54))
 
 
@@ -69,17 +68,17 @@ def numpy(gamma, steps):
     return gamma
 
 
-def tetra(gamma, steps, threads=1):
+def tetra(gamma, tolerance, threads=1):
     """Follow all starts with the package's own kernel."""
     from tetra_ros2.formation import flow
     from tetra_ros2.formation.gain import Cosine
-    return flow.run(gamma, WEIGHTS, Cosine(), DURATION, steps, threads)
+    return flow.run(gamma, WEIGHTS, Cosine(), DURATION, tolerance, threads)
 
 
 def measure(style, threads, seconds):
     """Return how many trajectories a second a method follows, and how accurately."""
     method, fineness = {'scipy': (scipy, TOLERANCES), 'numpy': (numpy, STEPS),
-                        'tetra': (partial(tetra, threads=threads), HIGH_ORDER_STEPS)}[style]
+                        'tetra': (partial(tetra, threads=threads), TOLERANCES)}[style]
     if threads == 1 and hasattr(os, 'sched_setaffinity'):
         # The linear algebra behind numpy has threads of its own.
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})

@@ -4,10 +4,11 @@
 """
 The continuous closed loop eq:RF:ClosedSystem for very many starts, compiled with numba.
 
-It takes steps of one length with the method of order 8 by Dormand and Prince, DOP853 (Hairer,
-Norsett, Wanner, Solving Ordinary Differential Equations I, II.5), and brings each step back to the
-spheres. Starts go through it in blocks, side by side in the lanes of the processor. The kernel
-holds no lock of the interpreter, so threads share the blocks.
+The method is that of order 8 by Dormand and Prince with its error estimates, DOP853 (Hairer,
+Norsett, Wanner, Solving Ordinary Differential Equations I, II.5 and II.10); each step is brought
+back to the spheres. Starts go through it in blocks, side by side in the lanes of the processor,
+and the worst of a block decides how long its next step is. The kernel holds no lock of the
+interpreter, so threads share the blocks.
 """
 
 from collections import namedtuple
@@ -21,13 +22,13 @@ from tetra_ros2.formation.gain import Gain
 
 GainParameters = namedtuple('GainParameters', ('a', 'b'))
 
-LANES = 16
+LANES = 8
 """Starts in a block: what the stages of so many take fits into the cache nearest to a core."""
 
 BLOCKS = 32
 """Blocks in a thread's task: some milliseconds."""
 
-# For each stage, and at last for the step, pairs of an earlier stage and its factor.
+# For each stage, then for the step and its two error estimates: earlier stages and their factors.
 STAGES = (
     (),
     ((0, 0.05260015195876773),),
@@ -52,10 +53,17 @@ STAGES = (
     ((0, 0.054293734116568765), (5, 4.450312892752409), (6, 1.8915178993145003), (7,
      -5.801203960010585), (8, 0.3111643669578199), (9, -0.1521609496625161), (10,
      0.20136540080403034), (11, 0.04471061572777259)),
+    ((0, 0.01312004499419488), (5, -1.2251564463762044), (6, -0.4957589496572502),
+     (7, 1.6643771824549864), (8, -0.35032884874997366), (9, 0.3341791187130175),
+     (10, 0.08192320648511571), (11, -0.022355307863886294)),
+    ((0, -0.18980075407240762), (5, 4.450312892752409), (6, 1.8915178993145003),
+     (7, -5.801203960010585), (8, -0.4226823213237919), (9, -0.1521609496625161),
+     (10, 0.20136540080403034), (11, 0.02265179219836082)),
 )
+STEP, FIFTH, THIRD = 12, 13, 14
 
 
-def run(gamma, weights, gain, duration, steps, threads=1):
+def run(gamma, weights, gain, duration, tolerance, threads=1):
     """
     Return where the reduced attitudes are after some time.
 
@@ -63,7 +71,7 @@ def run(gamma, weights, gain, duration, steps, threads=1):
     :param weights: ``(n, n)``
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :param duration: [s]
-    :param steps: into how many steps to divide it; the error is of order 8 in their length
+    :param tolerance: on the estimated error of each step, the mean over a start's coordinates
     :param threads: how many of them share the starts
     :returns: reduced attitudes, unit vectors, ``(m, n, 3)``
     :raises ModuleNotFoundError: if numba is not installed
@@ -76,7 +84,7 @@ def run(gamma, weights, gain, duration, steps, threads=1):
     lanes = np.minimum(np.arange(-(-m // LANES) * LANES), m - 1)
     blocks = np.ascontiguousarray(
         gamma[lanes].reshape(-1, LANES, n, 3).transpose(0, 2, 3, 1))
-    arguments = weights, GainParameters(gain.a, gain.b), duration / steps, steps
+    arguments = weights, GainParameters(gain.a, gain.b), duration, tolerance
     kernel(blocks[:0], *arguments)  # it compiles here, once, and not in every thread
     if threads == 1:
         kernel(blocks, *arguments)
@@ -132,11 +140,11 @@ def _kernel(family, n):
     factors = np.array([[*(c for _, c in stage), *[0.0] * (12 - len(stage))] for stage in STAGES])
 
     @compiled
-    def follow(gamma, slopes, stage, h, out):
+    def combine(start, slopes, stage, h, out):
         for i in range(n):
             for a in range(3):
                 for lane in range(LANES):
-                    out[i, a, lane] = gamma[i, a, lane]
+                    out[i, a, lane] = start[i, a, lane]
         for r in range(counts[stage]):
             slope, factor = slopes[sources[stage, r]], h * factors[stage, r]
             for i in range(n):
@@ -145,22 +153,51 @@ def _kernel(family, n):
                         out[i, a, lane] += factor * slope[i, a, lane]
 
     @compiled
-    def kernel(blocks, weights, parameters, h, steps):
+    def largest_error(fifth, third, h):
+        largest = 0.0
+        for lane in range(LANES):
+            five = three = 0.0
+            for i in range(n):
+                for a in range(3):
+                    five += fifth[i, a, lane] * fifth[i, a, lane]
+                    three += third[i, a, lane] * third[i, a, lane]
+            if five > 0.0:
+                largest = max(largest, h * five / math.sqrt((five + 0.01 * three) * 3 * n))
+        return largest
+
+    @compiled
+    def kernel(blocks, weights, parameters, duration, tolerance):
         slopes, point = np.empty((12, n, 3, LANES)), np.empty((n, 3, LANES))
+        fifth, third = np.empty((n, 3, LANES)), np.empty((n, 3, LANES))
+        nothing = np.zeros((n, 3, LANES))
         for block in range(len(blocks)):
             gamma = blocks[block]
-            for _ in range(steps):
-                velocity(gamma, weights, parameters, slopes[0])
-                for stage in range(1, 12):
-                    follow(gamma, slopes, stage, h, point)
-                    velocity(point, weights, parameters, slopes[stage])
-                follow(gamma, slopes, 12, h, point)
-                for i in range(n):
+            velocity(gamma, weights, parameters, slopes[0])
+            left, h = duration, duration
+            for i in range(n):
+                for a in range(3):
                     for lane in range(LANES):
-                        x, y, z = point[i, 0, lane], point[i, 1, lane], point[i, 2, lane]
-                        scale = 1.0 / math.sqrt(x * x + y * y + z * z)
-                        gamma[i, 0, lane] = scale * x
-                        gamma[i, 1, lane] = scale * y
-                        gamma[i, 2, lane] = scale * z
+                        h = min(h, 0.1 / max(abs(slopes[0, i, a, lane]), 1e-9))
+            while left > 0.0:
+                h = min(h, left)
+                for stage in range(1, 12):
+                    combine(gamma, slopes, stage, h, point)
+                    velocity(point, weights, parameters, slopes[stage])
+                combine(nothing, slopes, FIFTH, 1.0, fifth)
+                combine(nothing, slopes, THIRD, 1.0, third)
+                error = largest_error(fifth, third, h) / tolerance
+                # A step too short for the time to tell counts, whatever its error.
+                if error <= 1.0 or h < 1e-13 * duration:
+                    combine(gamma, slopes, STEP, h, point)
+                    for i in range(n):
+                        for lane in range(LANES):
+                            x, y, z = point[i, 0, lane], point[i, 1, lane], point[i, 2, lane]
+                            scale = 1.0 / math.sqrt(x * x + y * y + z * z)
+                            gamma[i, 0, lane] = scale * x
+                            gamma[i, 1, lane] = scale * y
+                            gamma[i, 2, lane] = scale * z
+                    velocity(gamma, weights, parameters, slopes[0])
+                    left = left - h if h < left else 0.0
+                h *= min(max(0.9 * max(error, 1e-12) ** -0.125, 0.2), 6.0)
 
     return kernel

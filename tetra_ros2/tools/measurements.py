@@ -142,7 +142,9 @@ class Row:
             return measured
         if self.difference:
             return measured - reference
-        return measured / reference if reference else math.inf
+        if not reference:
+            return math.inf if measured else math.nan
+        return measured / reference
 
     def _is_met(self, median):
         if self.at_least is not None:
