@@ -91,7 +91,7 @@ class Spinner:
 
     def sample(self, plant, count, seconds, warmup, restart=None, least=0):
         """
-        Return how much a count grew over some time, and that time [s].
+        Return how much a count grew over some time, that time, and the processor's share [s].
 
         The executor does not look up while there is work: the samples are taken in a timer.
 
@@ -117,11 +117,11 @@ class Spinner:
             if not samples:
                 if now - begun >= warmup and value:
                     print(flush=True)  # to whom it concerns
-                    samples.append((now, value))
+                    samples.append((now, value, time.process_time()))
             elif done.done():
                 pass
             elif now - samples[0][0] >= seconds and value - samples[0][1] >= least:
-                samples.append((now, value))
+                samples.append((now, value, time.process_time()))
                 done.set_result(None)
 
         timer = plant.create_timer(0.01, on_timer, clock=_steady_clock())
@@ -129,8 +129,8 @@ class Spinner:
             self.executor.spin_until_future_complete(done, timeout_sec=0.1)
         done.result()
         plant.destroy_timer(timer)
-        (t0, a), (t1, b) = samples
-        return b - a, t1 - t0
+        (t0, a, c0), (t1, b, c1) = samples
+        return b - a, t1 - t0, c1 - c0
 
     def serve(self):
         """Say that this is ready, and spin until SIGINT."""
@@ -170,6 +170,10 @@ def _classes(style):
         def steps(self):
             return self.time.steps
 
+        @property
+        def repetitions(self):
+            return self.time.repetitions
+
         def begin(self):
             self.time.start()
 
@@ -191,13 +195,14 @@ def rounds(arguments):
     spinner.discover(arguments.alone)
     plant.begin()
     restart = None if arguments.style == 'tetra' else plant.begin
-    count, elapsed = spinner.sample(
+    count, elapsed, worked = spinner.sample(
         plant, lambda: plant.steps, arguments.seconds, arguments.warmup, restart,
         arguments.rounds)
-    # Measurements, commands, the state and the clock.
+    # Measurements, commands, the state and the clock; the processor's time, of all threads.
     messages = n * (n - 1) + n + 2
     return {'rounds': count, 'rounds/s': count / elapsed,
-            'us/message': 1e6 * elapsed / (count * messages)}
+            'us/message': 1e6 * worked / (count * messages),
+            'repetitions': getattr(plant, 'repetitions', 0)}
 
 
 def watched(arguments):
@@ -212,7 +217,7 @@ def watched(arguments):
             plant, time_of = launcher.plant, launcher.plant.time
             spinner = Spinner.__new__(Spinner)
             spinner.executor = launcher.executor
-            count, elapsed = spinner.sample(
+            count, elapsed, _ = spinner.sample(
                 plant, lambda: time_of.steps, arguments.seconds, arguments.warmup)
             time_of.run_until(time_of.stamp)
 
@@ -298,9 +303,12 @@ def judge(notes, n, rate):
     import numpy as np
     stamps, oldest, fresh = notes.T
     period = 1e9 / rate
-    # A timer is never early: what is earliest, but for a few, is the schedule.
-    phases = stamps - stamps[0] - np.round((stamps - stamps[0]) / period) * period
-    since = stamps - stamps[0] - np.quantile(phases, 0.01)
+    since = stamps - stamps[0]
+    # The schedule is where most steps are, at the early edge of them: a timer is never early.
+    # First about the mean on the circle, as a step may be late by more than half a period.
+    middle = np.angle(np.mean(np.exp(2j * np.pi * since / period))) / (2.0 * np.pi) * period
+    offsets = since - middle
+    since = since - middle - np.quantile(offsets - np.round(offsets / period) * period, 0.05)
     tolerance = min(50e3, 0.2 * period)
     slots = np.floor((since + tolerance) / period)
     late = since - slots * period

@@ -192,7 +192,7 @@ def all_rows():
             'steps', at_most=OLDEST),
         Row('highest', 'highest rate that holds these three',
             'default executor, message objects', (highest, objects), 'rate', 'Hz'),
-        *(Row(f'n{n}', f'time per message, n = {n}, one process', 'n = 4',
+        *(Row(f'n{n}', f'processor time per message, n = {n}, one process', 'n = 4',
               (many[n], many[4]), 'us/message', 'us', at_most=1.5) for n in (8, 16, 32)),
         Row('scipy', 'trajectories/s to a final error of 1e-6, one core',
             'SciPy solve_ivp, DOP853', (batch['one core'], batch['SciPy']), per_core, '1/s',
