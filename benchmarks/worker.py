@@ -200,7 +200,7 @@ def rounds(arguments):
         arguments.rounds)
     # Measurements, commands, the state and the clock; the processor's time, of all threads.
     messages = n * (n - 1) + n + 2
-    return {'rounds': count, 'rounds/s': count / elapsed,
+    return {'rounds': count, 'rounds/s': count / elapsed, 'rounds/core s': count / worked,
             'us/message': 1e6 * worked / (count * messages),
             'repetitions': getattr(plant, 'repetitions', 0)}
 
@@ -217,7 +217,7 @@ def watched(arguments):
             plant, time_of = launcher.plant, launcher.plant.time
             spinner = Spinner.__new__(Spinner)
             spinner.executor = launcher.executor
-            count, elapsed, _ = spinner.sample(
+            count, elapsed, worked = spinner.sample(
                 plant, lambda: time_of.steps, arguments.seconds, arguments.warmup)
             time_of.run_until(time_of.stamp)
 
@@ -249,6 +249,7 @@ def watched(arguments):
         counted = sum(launcher.recorder.counts.values())
         complete = n_topics(arguments.n) == topics
         return {'rounds': count, 'rounds/s': count / elapsed, 'recorded': on_disk,
+                'rounds/core s': count / worked,
                 'lost': missing + abs(unseen) + abs(counted - on_disk) if complete else counted}
 
 

@@ -155,6 +155,8 @@ def _print(document):
     if (others := _others(document['rows'])) > QUIET:
         print(f'other processes kept {others:.1f} cores busy meanwhile: absolute figures, and '
               'those in real time, are not what this machine can do')
+        if ratios := _by_processor_time(document['rows']):
+            print(f'by the time of the processor alone: {", ".join(ratios)}')
     missed = [row['name'] for row in document['rows'] if not row['met']]
     print(f'{len(document["rows"]) - len(missed)} of {len(document["rows"])} met in '
           f'{document["seconds"]:.0f} s' + (f'; missed: {", ".join(missed)}' if missed else ''))
@@ -168,6 +170,20 @@ def _others(rows):
     cores = [figures[OTHERS] for row in rows for runs in row['details'].values()
              for figures in runs if figures is not None]
     return median(cores) if cores else 0.0
+
+
+def _by_processor_time(rows):
+    """Return the medians of lockstep in one process, of which other processes take nothing."""
+    from statistics import median
+    found, field = [], 'rounds/core s'
+    for row in rows:
+        if row['name'] in ('objects', 'ceiling', 'watched'):
+            ratios = [a[field] / b[field] for a, b in zip(*row['details'].values())
+                      if a and b and field in a and field in b]
+            if ratios:
+                found.append(f'{row["name"]} {_short(median(ratios))} ({_short(min(ratios))} .. '
+                             f'{_short(max(ratios))})')
+    return found
 
 
 def _cells(row):
