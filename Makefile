@@ -25,6 +25,9 @@ test: $(VENV)/.test  ## run all tests
 verify: $(VENV)/.test  ## check every claim of the paper
 	@$(TETRA) verify
 
+bench: $(VENV)/.bench  ## measure it against what there is to compare with
+	@$(TETRA) bench $(BENCH_ARGS)
+
 lint: $(VENV)/.test  ## check the style
 	$(CLEAN) $(VENV)/bin/ruff check .
 
@@ -46,4 +49,8 @@ $(VENV)/.ros: setup.py | $(VENV)/bin/python
 
 $(VENV)/.test: setup.py | $(VENV)/bin/python
 	$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[ros,test]'
+	@touch $@ $(VENV)/.ros
+
+$(VENV)/.bench: setup.py | $(VENV)/bin/python
+	$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[ros,record,bench]'
 	@touch $@ $(VENV)/.ros

@@ -11,16 +11,21 @@ the limit of what rclpy and DDS can do: constant bytes, raw subscriptions, the e
 
 import struct
 
-from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
+from geometry_msgs.msg import Pose, PoseArray, TwistStamped, Vector3Stamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 
 NEWEST = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1,
                     reliability=ReliabilityPolicy.RELIABLE)
+COMMANDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1,
+                      reliability=ReliabilityPolicy.BEST_EFFORT)
+STATE = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
+                   reliability=ReliabilityPolicy.RELIABLE)
 PERIOD_NS = 10_000_000
 
 
@@ -33,7 +38,7 @@ class ObjectPlant(Node):
         self.stamp = 0
         self._missing = set()
         self._everybody = {*range(1, n + 1)}
-        self._state = self.create_publisher(PoseArray, 'formation/attitudes', 1000)
+        self._state = self.create_publisher(PoseArray, 'formation/attitudes', STATE)
         self._time_publisher = self.create_publisher(Clock, '/clock', NEWEST)
         self._sensors = [
             (f'agent_{i}', self.create_publisher(
@@ -41,24 +46,27 @@ class ObjectPlant(Node):
             for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
         for i in range(1, n + 1):
             self.create_subscription(TwistStamped, f'agent_{i}/cmd_vel',
-                                     lambda message, i=i: self._on_command(i, message), NEWEST)
+                                     lambda message, i=i: self._on_command(i, message), COMMANDS)
         state = PoseArray()
         state.header.frame_id = 'world'
-        from geometry_msgs.msg import Pose
         state.poses = [Pose() for _ in range(n)]
         self._state_message = state
 
     def begin(self):
+        """Publish the state and the measurements of the next step."""
         self._missing = set(self._everybody)
         self.stamp += PERIOD_NS
         clock = Clock()
         clock.clock.sec, clock.clock.nanosec = divmod(self.stamp, 1_000_000_000)
         self._time_publisher.publish(clock)
-        self._state_message.header.stamp = clock.clock
+        self._publish(clock.clock)
+
+    def _publish(self, stamp):
+        self._state_message.header.stamp = stamp
         self._state.publish(self._state_message)
         for frame, publisher in self._sensors:
             message = Vector3Stamped()
-            message.header.stamp = clock.clock
+            message.header.stamp = stamp
             message.header.frame_id = frame
             message.vector.x = 1.0
             publisher.publish(message)
@@ -101,6 +109,33 @@ class ObjectAgent(Node):
             self._publisher.publish(command)
 
 
+class ObjectRealTimePlant(ObjectPlant):
+    """
+    A plant that steps on a timer and takes the newest commands, with message objects.
+
+    :param note: called at each step with its time and the oldest stamp among the commands [ns]
+    """
+
+    def __init__(self, n, rate, note, **kwargs):
+        super().__init__(n, **kwargs)
+        self._stamps = [0] * n
+        self._note = note
+        self.create_timer(1.0 / rate, self._on_timer)
+
+    def begin(self):
+        """Do nothing: the timer does it."""
+
+    def _on_timer(self):
+        now = self.get_clock().now()
+        self._note(now.nanoseconds, self._stamps)
+        self.steps += 1
+        self._publish(now.to_msg())
+
+    def _on_command(self, i, message):
+        stamp = message.header.stamp
+        self._stamps[i - 1] = stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
 class BytePlant(Node):
     """The plant's half of a round, with bytes that only differ in their stamp."""
 
@@ -112,20 +147,20 @@ class BytePlant(Node):
         self._n = n
         measurement, state = Vector3Stamped(), PoseArray()
         measurement.header.frame_id, state.header.frame_id = 'agent_1', 'world'
-        from geometry_msgs.msg import Pose
         state.poses = [Pose() for _ in range(n)]
         self._measurement = serialize_message(measurement)[12:]
         self._state_tail = serialize_message(state)[12:]
-        self._state = self.create_publisher(PoseArray, 'formation/attitudes', 1000).publish
+        self._state = self.create_publisher(PoseArray, 'formation/attitudes', STATE).publish
         self._time_publisher = self.create_publisher(Clock, '/clock', NEWEST).publish
         self._sensors = [self.create_publisher(
             Vector3Stamped, f'agent_{i}/relative_attitude/agent_{j}', NEWEST).publish
             for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
         for i in range(1, n + 1):
             self.create_subscription(
-                TwistStamped, f'agent_{i}/cmd_vel', self._on_command, NEWEST, raw=True)
+                TwistStamped, f'agent_{i}/cmd_vel', self._on_command, COMMANDS, raw=True)
 
     def begin(self):
+        """Publish the state and the measurements of the next step."""
         self._waiting = self._n
         self.stamp += PERIOD_NS
         head = struct.pack('<4siI', b'\0\1\0\0', *divmod(self.stamp, 1_000_000_000))
@@ -163,6 +198,27 @@ class ByteAgent(Node):
         if not self._missing:
             self._missing = self._count
             self._publish(self._command)
+
+
+class ByteMonitor(Node):
+    """The monitor's part, with constant bytes."""
+
+    def __init__(self, n, **kwargs):
+        super().__init__('monitor', **kwargs)
+        pairs = n * (n - 1) // 2
+        cosines = Float64MultiArray(data=[0.0] * pairs)
+        cosines.layout.dim = [MultiArrayDimension(label='1 2', size=1, stride=1)] * (pairs + 1)
+        self._cosines = serialize_message(cosines)
+        self._error = serialize_message(Float64())
+        self._publish_cosines = self.create_publisher(
+            Float64MultiArray, 'formation/cosines', STATE).publish
+        self._publish_error = self.create_publisher(Float64, 'formation/error', STATE).publish
+        self.create_subscription(PoseArray, 'formation/attitudes', self._on_attitudes, STATE,
+                                 raw=True)
+
+    def _on_attitudes(self, message):
+        self._publish_cosines(self._cosines)
+        self._publish_error(self._error)
 
 
 OBJECTS = ObjectPlant, ObjectAgent, SingleThreadedExecutor

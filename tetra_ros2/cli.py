@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 
-from tetra_ros2.tools import analyze, figures, study, verify
+from tetra_ros2.tools import analyze, bench, figures, study, verify
 
 
 class _Parser(argparse.ArgumentParser):
@@ -125,6 +125,7 @@ TOOLS = {
     'analyze': (analyze, 'rates, limits and errors that theory predicts for a configuration'),
     'study': (study, 'follow very many random starts, and say how many form and when'),
     'figures': (figures, "draw the paper's simulation figures from runs of the nodes"),
+    'bench': (bench, 'measure the formation against what there is to compare with'),
 }
 """Modules with ``add_arguments(parser)`` and ``run(arguments)``, which import late too."""
 

@@ -1,0 +1,63 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The compiled flow is that of the closed loop, as exact as wanted, whoever shares the work."""
+
+import numpy as np
+import pytest
+
+from tetra_ros2.formation import law
+from tetra_ros2.formation.gain import Cosine, Exponential
+from tetra_ros2.formation.topology import complete, rotating
+
+pytest.importorskip('numba')
+from tetra_ros2.formation import flow
+
+CASES = [(complete(4), Cosine(1.3)), (rotating(), Exponential())]
+
+
+def starts(count):
+    gamma = np.random.default_rng(2).normal(size=(count, 4, 3))
+    return gamma / np.linalg.norm(gamma, axis=-1, keepdims=True)
+
+
+def runge_kutta(gamma, weights, gain, h, steps):
+    for _ in range(steps):
+        k1 = law.velocity(gamma, weights, gain)
+        k2 = law.velocity(gamma + 0.5 * h * k1, weights, gain)
+        k3 = law.velocity(gamma + 0.5 * h * k2, weights, gain)
+        k4 = law.velocity(gamma + h * k3, weights, gain)
+        gamma = gamma + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+        gamma /= np.linalg.norm(gamma, axis=-1, keepdims=True)
+    return gamma
+
+
+@pytest.mark.parametrize(('topology', 'gain'), CASES)
+def test_it_follows_the_law(topology, gain):
+    gamma = starts(flow.LANES + 3)
+    end = flow.run(gamma, topology.weights, gain, 1.0, 1e-12)
+    expected = runge_kutta(gamma, topology.weights, gain, 1e-3, 1000)
+    np.testing.assert_allclose(end, expected, atol=1e-10)
+    np.testing.assert_allclose(np.linalg.norm(end, axis=-1), 1.0, atol=1e-14)
+
+
+@pytest.mark.parametrize('tolerance', [1e-4, 1e-6, 1e-8])
+def test_it_is_as_exact_as_wanted(tolerance):
+    topology, gain = CASES[0]
+    gamma = starts(20 * flow.LANES)
+    exact = flow.run(gamma, topology.weights, gain, 2.0, 1e-13)
+    error = np.abs(flow.run(gamma, topology.weights, gain, 2.0, tolerance) - exact).max()
+    assert 1e-6 * tolerance < error < 10.0 * tolerance
+
+
+def test_what_is_not_a_number_ends():
+    topology, gain = CASES[0]
+    end = flow.run(np.full((1, 4, 3), np.nan), topology.weights, gain, 1.0, 1e-6)
+    assert np.isnan(end).all()
+
+
+def test_threads_change_nothing():
+    topology, gain = CASES[0]
+    gamma = starts(3 * flow.LANES * flow.BLOCKS + 1)
+    alone = flow.run(gamma, topology.weights, gain, 1.0, 1e-6)
+    assert np.array_equal(alone, flow.run(gamma, topology.weights, gain, 1.0, 1e-6, threads=2))
