@@ -3,6 +3,7 @@
 
 """Bad messages on the wire: dropped, counted, reported, and never part of the state."""
 
+from collections import Counter
 import math
 import time
 
@@ -36,6 +37,7 @@ class Bench:
             Parameter(key.replace('__', '.'), value=value) for key, value in parameters.items()])
         self.executor.add_node(self.node)
         self._never = Future(executor=self.executor)
+        self._publishers = Counter()
 
     def __enter__(self):
         return self
@@ -54,7 +56,12 @@ class Bench:
 
     def publisher(self, message_type, topic):
         publisher = self.probe.node.create_publisher(message_type, topic, 10)
-        self.wait_for(publisher.get_subscription_count, f'a subscription to {topic}')
+        subscription, = (s for s in self.node.inputs if s.topic_name == f'/{topic}')
+        self._publishers[topic] += 1
+        # Each end learns of the other by itself; a message in between would be lost.
+        self.wait_for(lambda: publisher.get_subscription_count()
+                      and subscription.get_publisher_count() >= self._publishers[topic],
+                      f'both ends of {topic}')
         return publisher
 
     def rejects(self, publisher, message, reason):
