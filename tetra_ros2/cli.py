@@ -112,12 +112,23 @@ def _launcher(arguments, config, ros):
     return report.main(arguments, config, ros)
 
 
+def _plot_arguments(parser):
+    from tetra_ros2.tools import plot
+    plot.add_arguments(parser)
+
+
+def _plot(arguments, _config, _ros):
+    from tetra_ros2.tools import plot
+    return plot.run(arguments)
+
+
 COMMANDS = {
     'agent': (_agent_arguments, _agent, 'one agent'),
     'plant': (_node_arguments, _plant, 'the rigid bodies, or a stand-in for the real ones'),
     'monitor': (_node_arguments, _monitor, 'watch the formation and publish its error'),
     'recorder': (_recorder_arguments, _recorder, 'record the formation into a rosbag2 directory'),
     'launcher': (_launcher_arguments, _launcher, 'all of them in one process, and a summary'),
+    'plot': (_plot_arguments, _plot, 'write the figures of a recording'),
 }
 
 TOOLS = {
@@ -177,7 +188,9 @@ def main(argv=None):
 _INSTALL = {
     'matplotlib': "the figures need it: pip install 'tetra_ros2[analysis]'",
     'rclpy': "source a ROS 2 installation, or without one: pip install 'tetra_ros2[ros]'",
-    'rosbags': 'recording needs it: pip install rosbags',
+    'rosbags': 'recordings need it: pip install rosbags',
+    'matplotlib': "figures need it: pip install 'tetra_ros2[plot]'",
+    'viser': "the viewer needs it: pip install 'tetra_ros2[view]'",
 }
 
 
