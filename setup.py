@@ -58,7 +58,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (share, ['package.xml']),
-        (f'{share}/config', sorted(map(str, Path('config').glob('*.yaml')))),
+        (f'{share}/config', sorted(map(str, Path('config').iterdir()))),
         (f'{share}/launch', sorted(map(str, Path('launch').glob('*.launch.py')))),
     ],
     python_requires='>=3.10',

@@ -18,6 +18,7 @@ from tetra_ros2.formation import shapes
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.observer import Observer
 from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
+from tetra_ros2.ros.markers import Markers
 from tetra_ros2.ros.node import FormationNode
 
 PATIENCE = 3
@@ -46,6 +47,7 @@ class Monitor(FormationNode):
         if self.observer.shape is not None:
             self._error = self.offer(Float64, names.ERROR, qos.STATE)
             self._encode_error = cdr.trailing_numbers(serialize_message(Float64()), 1)
+        self._markers = Markers(self, self._look)
         self.report_health()
         if reservation := shapes.reservation(formation.topology, formation.gain):
             self.get_logger().warning(reservation)

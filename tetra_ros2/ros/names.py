@@ -10,6 +10,7 @@ RECORDER = 'recorder'
 ATTITUDES = 'formation/attitudes'
 COSINES = 'formation/cosines'
 ERROR = 'formation/error'
+MARKERS = 'formation/markers'
 DIAGNOSTICS = 'diagnostics'
 CLOCK = '/clock'
 
