@@ -40,6 +40,7 @@ class Monitor(FormationNode):
         self.observer = self._make_observer(values['tolerance'])
         self._old = 0  # how many old stamps in a row
         self._awaited = None
+        self._watchers = []
         self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decode
         self._cosines = self.offer(Float64MultiArray, names.COSINES, qos.STATE)
         self._encode_cosines = cdr.trailing_numbers(
@@ -92,9 +93,15 @@ class Monitor(FormationNode):
         self._cosines.publish(self._encode_cosines(*observer.cosines))
         if observer.shape is not None:
             self._error.publish(self._encode_error(observer.error))
+        for tell in self._watchers:
+            tell(message)
         if self._awaited is not None and stamp >= self._awaited[0] \
                 and not self._awaited[1].done():
             self._awaited[1].set_result(stamp)
+
+    def watch(self, tell):
+        """Call a function with the bytes of every new state; it has to be quick."""
+        self._watchers.append(tell)
 
     def notify(self, stamp, future):
         """Complete a future with the first sample at or after a stamp [ns]."""

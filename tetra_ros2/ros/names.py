@@ -6,6 +6,7 @@
 PLANT = 'plant'
 MONITOR = 'monitor'
 RECORDER = 'recorder'
+VIEWER = 'viewer'
 
 ATTITUDES = 'formation/attitudes'
 COSINES = 'formation/cosines'

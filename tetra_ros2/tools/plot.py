@@ -70,7 +70,7 @@ def run(arguments):
                 loaded.times, loaded.gamma, run.edges, out / 'sphere.gif',
                 lambda part: show('movie', part)))
         show('done', 1.0)
-    law = run.law
+    law = loaded.law
     if law is not None:
         gain = law.gain
         print(f'{type(gain).__name__.lower()} gain, a = {gain.a:.6g}, as read off the commands')

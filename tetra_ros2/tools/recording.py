@@ -11,13 +11,16 @@ topics of a formation in a rosbag2 directory.
 from array import array
 from collections import defaultdict
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 import re
 
 import numpy as np
 from rosbags.rosbag2 import Reader
 
+from tetra_ros2.formation import rotation
 from tetra_ros2.formation.checks import Rejected, UNIT_TOLERANCE
+from tetra_ros2.formation.identify import identify
 from tetra_ros2.parameters import ConfigurationError
 from tetra_ros2.ros import cdr, names
 
@@ -78,6 +81,17 @@ class Recording:
     def times(self):
         """Return the time of each state since the first one [s], ``(k,)``."""
         return (self.stamps - self.stamps[0]) / 1e9
+
+    @property
+    def body_rates(self):
+        """Return what each agent commanded in answer to each state [rad/s], ``(k, n, 3)``."""
+        return np.stack([self.answers(i) for i in range(1, self.n + 1)], axis=1)
+
+    @cached_property
+    def law(self):
+        """Return the :class:`~tetra_ros2.formation.identify.Identified` law, or None."""
+        return identify(
+            self.gamma, rotation.rotate(self.attitudes, self.body_rates), self.edges)
 
     def between(self, start, end=None):
         """

@@ -9,11 +9,9 @@ from functools import cached_property
 from matplotlib.figure import Figure
 import numpy as np
 
-from tetra_ros2.formation import convergence, measures, rotation, shapes
-from tetra_ros2.formation import topology as topologies
-from tetra_ros2.formation.identify import identify
-from tetra_ros2.formation.shapes import known_shape
+from tetra_ros2.formation import measures
 from tetra_ros2.view import colors, drawing
+from tetra_ros2.view.theory import Theory
 
 POINTS = 1500
 """As many points of a line as a figure can show."""
@@ -39,24 +37,11 @@ class Run:
         self.recording = recording
         self.times, self.gamma, self.n = recording.times, recording.gamma, recording.n
 
-    @cached_property
-    def body_rates(self):
-        """Return what was commanded in answer to each state [rad/s], ``(k, n, 3)``."""
-        return np.stack([self.recording.answers(i) for i in range(1, self.n + 1)], axis=1)
-
-    @cached_property
-    def law(self):
-        """Return the :class:`~tetra_ros2.formation.identify.Identified` law, or None."""
-        # Lengths of quaternions are a foreign recording's own affair; directions are checked.
-        return identify(self.gamma, rotation.rotate(self.recording.attitudes, self.body_rates),
-                        self.recording.edges)
-
-    @cached_property
-    def edges(self):
-        """Return (i, j, weight) of each edge; 1 for all where the weights are not known."""
-        if self.law is not None:
-            return self.law.rounded.edges
-        return tuple((i, j, 1.0) for i, j in self.recording.edges)
+        law = recording.law
+        self.theory = Theory(self.n) if law is None else Theory(self.n, law.rounded, law.gain)
+        self.shape = self.theory.shape
+        self.edges = tuple((i, j, 1.0) for i, j in recording.edges) if law is None \
+            else law.rounded.edges
 
     @cached_property
     def cosines(self):
@@ -64,31 +49,14 @@ class Run:
         return measures.pairwise_cosines(self.gamma)
 
     @cached_property
-    def shape(self):
-        """Return the shape that is to come out, or None if none is known."""
-        if self.law is not None:
-            return known_shape(self.law.rounded)
-        return known_shape(topologies.complete(self.n))
-
-    @cached_property
     def error(self):
         """Return how far the worst pairwise angle is [rad], from the last where none is known."""
-        if self.shape is not None:
-            return measures.shape_error(self.gamma, self.shape.angles)
-        angles = measures.pairwise_angles(self.gamma)
-        return np.max(np.abs(angles - angles[-1]), axis=-1)
+        return self.theory.error(self.gamma)
 
     @cached_property
     def predicted_rate(self):
         """Return the rate [1/s] at which theory lets the error decay in the end, or None."""
-        if self.law is None:
-            return None
-        gamma = self.gamma[-1]
-        if self.shape is shapes.TETRAHEDRON:
-            gamma = shapes.TETRAHEDRON.points
-            if measures.chirality(self.gamma[-1]) != measures.chirality(gamma):
-                gamma = -gamma
-        return convergence.slowest_rate(gamma, self.law.topology.weights, self.law.gain)
+        return self.theory.rates(self.gamma[-1])[1]
 
 
 def write(run, name, directory, formats):
@@ -193,7 +161,7 @@ def _anchor(run):
 
 def _rates(run):
     figure, axes = _axes()
-    speeds = np.linalg.norm(run.body_rates, axis=-1)
+    speeds = np.linalg.norm(run.recording.body_rates, axis=-1)
     for i in range(1, run.n + 1):
         axes.plot(*_thin(run, speeds[:, i - 1]), color=colors.agent(i), linewidth=1.4,
                   label=f'agent {i}')
