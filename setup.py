@@ -17,12 +17,14 @@ scripts = {'tetra': 'tetra_ros2.cli:main'}
 if not {'bdist_wheel', 'dist_info', 'editable_wheel'}.intersection(sys.argv):
     scripts.update({
         name: f'tetra_ros2.cli:{name}'
-        for name in ('agent', 'plant', 'monitor', 'recorder', 'launcher')})
+        for name in ('agent', 'plant', 'monitor', 'recorder', 'launcher', 'viewer')})
 
 extras = {
     # For a machine without ROS 2. Whoever has it from apt must not install this.
     'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
     'record': ['rosbags'],
+    'plot': ['matplotlib', 'pillow', 'rosbags'],
+    'view': ['rosbags', 'viser'],
     'analysis': ['matplotlib'],
     'study': ['numba', 'pyarrow'],
     'cluster': ['distributed'],
@@ -39,6 +41,7 @@ extras['test'] = [
     'hypothesis',
     'mcap',
     'mcap-ros2-support',
+    'playwright',
     'pytest',
     'pytest-timeout',
     'ruff',

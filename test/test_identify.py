@@ -9,7 +9,8 @@ import pytest
 
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import identify, rotation, shapes, topology
-from tetra_ros2.formation.convergence import slowest_rate, transverse_eigenvalues
+from tetra_ros2.view.history import decay_rate
+from tetra_ros2.view.theory import Theory
 
 GRAPHS = {
     'complete': topology.complete(4),
@@ -51,26 +52,26 @@ def test_motion_that_does_not_tell_the_neighbours_apart_is_not_explained():
 
 
 @pytest.mark.parametrize('gain', [gains.Cosine(), gains.Exponential(2.0)], ids=str)
-def test_eigenvalues_of_the_complete_graph_are_the_papers(gain):
+def test_the_predicted_rate_of_the_complete_graph_is_the_papers(gain):
     f, slope = (float(g(shapes.THETA_STAR)) for g in (gain.f, gain.derivative))
-    paper = np.sort([2.0 * 2**0.5 * slope] * 2 + [4.0 * 2**0.5 / 3.0 * slope - 8.0 / 3.0 * f] * 3)
-    found = transverse_eigenvalues(
-        shapes.TETRAHEDRON.points, topology.complete(4).weights, gain)
-    np.testing.assert_allclose(np.sort(found.real), paper, rtol=1e-6)
-    np.testing.assert_allclose(found.imag, 0.0, atol=1e-6)
+    paper = min(-2.0 * 2**0.5 * slope, -4.0 * 2**0.5 / 3.0 * slope + 8.0 / 3.0 * f)
+    spin, rate = Theory(4, GRAPHS['complete'], gain).rates(-shapes.TETRAHEDRON.points)
+    assert rate == pytest.approx(paper, rel=1e-9)
+    assert spin == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_error_decays_at_the_predicted_rate():
-    graph, gain = GRAPHS['complete'], gains.Cosine()
-    attitudes, _ = bags.states(8000, graph, gain, h=0.001)
+    theory = Theory(4, GRAPHS['complete'], gains.Cosine())
+    attitudes, _ = bags.states(8000, theory.topology, theory.gain, h=0.001)
     gamma = rotation.rotate(attitudes, [1.0, 0.0, 0.0])
-    from tetra_ros2.formation import measures
-    error = measures.shape_error(gamma, shapes.TETRAHEDRON.angles)
-    measured = np.log(error[5000] / error[7900]) / 2.9
-    assert measured == pytest.approx(
-        slowest_rate(shapes.TETRAHEDRON.points, graph.weights, gain), rel=0.01)
+    measured = decay_rate(0.001 * np.arange(8000), theory.error(gamma))
+    assert measured == pytest.approx(theory.rates(gamma[-1])[1], rel=0.03)
 
 
-def test_where_nothing_decays_there_is_no_rate():
+def test_what_is_not_known_is_not_predicted():
     attracting = topology.custom(4, [(i, j, -1.0) for i, j, _ in GRAPHS['complete'].edges])
-    assert slowest_rate(shapes.TETRAHEDRON.points, attracting.weights, gains.Cosine()) is None
+    gamma = shapes.TETRAHEDRON.points
+    assert Theory(4, attracting, gains.Cosine()).rates(gamma) == (None, None)
+    assert Theory(4).rates(gamma) == (None, None)
+    assert Theory(4).shape is shapes.TETRAHEDRON
+    assert Theory(5).shape is None

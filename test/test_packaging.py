@@ -18,7 +18,7 @@ import yaml
 from tetra_ros2.share import share_directory
 
 TOP = Path(__file__).resolve().parents[1]
-NODES = {'agent', 'plant', 'monitor', 'recorder', 'launcher'}
+NODES = {'agent', 'plant', 'monitor', 'recorder', 'launcher', 'viewer'}
 
 
 def run(*command, **kwargs):

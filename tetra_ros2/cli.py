@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 
-from tetra_ros2.tools import analyze, figures, study, verify
+from tetra_ros2.tools import analyze, figures, plot, study, verify
 
 
 class _Parser(argparse.ArgumentParser):
@@ -141,16 +141,6 @@ def _viewer(arguments, config, ros):
     return viewer.main(arguments.host, arguments.port, config, ros)
 
 
-def _plot_arguments(parser):
-    from tetra_ros2.tools import plot
-    plot.add_arguments(parser)
-
-
-def _plot(arguments, _config, _ros):
-    from tetra_ros2.tools import plot
-    return plot.run(arguments)
-
-
 COMMANDS = {
     'agent': (_agent_arguments, _agent, 'one agent'),
     'plant': (_node_arguments, _plant, 'the rigid bodies, or a stand-in for the real ones'),
@@ -158,10 +148,10 @@ COMMANDS = {
     'recorder': (_recorder_arguments, _recorder, 'record the formation into a rosbag2 directory'),
     'launcher': (_launcher_arguments, _launcher, 'all of them in one process, and a summary'),
     'viewer': (_viewer_arguments, _viewer, 'show the formation, or a recording, in a browser'),
-    'plot': (_plot_arguments, _plot, 'write the figures of a recording'),
 }
 
 TOOLS = {
+    'plot': (plot, 'write the figures of a recording'),
     'verify': (verify, 'check every claim of the paper'),
     'analyze': (analyze, 'rates, limits and errors that theory predicts for a configuration'),
     'study': (study, 'follow very many random starts, and say how many form and when'),
@@ -218,10 +208,8 @@ def main(argv=None):
 _INSTALL = {
     'matplotlib': "the figures need it: pip install 'tetra_ros2[analysis]'",
     'rclpy': "source a ROS 2 installation, or without one: pip install 'tetra_ros2[ros]'",
-    'diagnostic_msgs': "source a ROS 2 installation, or without one: "
-                       "pip install 'tetra_ros2[ros]'",
+    'diagnostic_msgs': "source a ROS 2 installation; without one: pip install 'tetra_ros2[ros]'",
     'rosbags': 'recordings need it: pip install rosbags',
-    'matplotlib': "figures need it: pip install 'tetra_ros2[plot]'",
     'viser': "the viewer needs it: pip install 'tetra_ros2[view]'",
 }
 
@@ -269,3 +257,8 @@ def recorder():
 def launcher():
     """Run ``tetra launcher``."""
     return main(['launcher', *sys.argv[1:]])
+
+
+def viewer():
+    """Run ``tetra viewer``."""
+    return main(['viewer', *sys.argv[1:]])

@@ -7,6 +7,7 @@ from collections import defaultdict
 
 import numpy as np
 
+from tetra_ros2.formation import rotation
 from tetra_ros2.view import colors, geometry
 
 BACKGROUND = np.array([255.0, 255.0, 255.0])
@@ -16,6 +17,8 @@ TRAIL = 60
 LABEL_HEIGHT = 1.13
 WEIGHT_PLACE = 0.62
 """Where along an edge its weight is written."""
+
+UP = np.array([0.0, 0.0, 1.0])
 
 CAMERA = (3.0, 1.6, 1.5)
 
@@ -56,6 +59,7 @@ class Scene:
             colors.rgb('#cdd5dd'), thickness=0.004)
         self._scene.add_icosphere(
             '/sphere/surface', 0.995, colors.rgb('#dfe6ee'), subdivisions=4, opacity=0.22,
+            side='back',  # the front would hide the solid, as both are transparent
             cast_shadow=False, receive_shadow=False)
 
     def draw(self, gamma, trail, edges):
@@ -73,10 +77,8 @@ class Scene:
                 self._make_agents(len(gamma))
             if edges != self._edges:
                 self._make_edges(edges)
-            self._axes.points = np.stack([np.zeros_like(gamma), gamma], axis=1)
-            self._tips.points = gamma
-            for label, direction in zip(self._labels, gamma):
-                label.position = LABEL_HEIGHT * direction
+            for agent, (x, y, z, w) in zip(self._agents, rotation.between(UP, gamma)):
+                agent.wxyz = (w, x, y, z)
             self._draw_trail(np.asarray(trail, dtype=np.float32))
             self._draw_solid(gamma)
             self._draw_edges(gamma)
@@ -84,21 +86,17 @@ class Scene:
     def _make_agents(self, n):
         """Put in what there is one of for each agent."""
         if self._n:
-            for handle in (self._axes, self._tips, self._trail, self._solid, *self._labels):
+            for handle in (self._trail, self._solid, *self._agents):
                 handle.remove()
             self._make_edges(())
         self._n = n
         tint = np.array([colors.rgb(colors.agent(i)) for i in range(1, n + 1)], dtype=np.uint8)
-        self._axes = self._scene.add_arrows(
-            '/agents/axes', np.zeros((n, 2, 3), np.float32), _for_arrows(tint), shaft_radius=0.013,
-            head_radius=0.032, head_length=0.08)
-        self._tips = self._scene.add_point_cloud(
-            '/agents/tips', np.zeros((n, 3), np.float32), tint, point_size=0.036,
-            point_shape='circle', precision='float32', point_shading='flat')
+        # Axis, tip and label hang on one frame that turns: they cannot come apart.
+        self._agents = [self._make_agent(i, color) for i, color in enumerate(tint, start=1)]
         age = np.linspace(0.0, 1.0, TRAIL + 1)[:, None, None]
         fading = BACKGROUND + (tint[None] - BACKGROUND) * (0.1 + 0.9 * age)
         self._trail = self._scene.add_line_segments(
-            '/agents/trails', np.zeros((TRAIL * n, 2, 3), np.float32),
+            '/formation/trails', np.zeros((TRAIL * n, 2, 3), np.float32),
             np.stack([fading[:-1], fading[1:]], axis=2).reshape(-1, 2, 3).astype(np.uint8),
             thickness=0.011)
         self._solid = self._scene.add_mesh_simple(
@@ -106,10 +104,21 @@ class Scene:
             color=colors.rgb(colors.FACE), opacity=0.3, side='double', flat_shading=True,
             cast_shadow=False, receive_shadow=False)
         self._faces = None
-        self._labels = [
-            self._scene.add_label(f'/agents/labels/agent_{i}', f'agent {i}',
-                                  anchor='center-center', font_screen_scale=1.15)
-            for i in range(1, n + 1)]
+
+    def _make_agent(self, i, color):
+        """Put in an agent that points up, and return the frame that turns it."""
+        name = f'/agent_{i}'
+        frame = self._scene.add_frame(name, show_axes=False)
+        self._scene.add_arrows(
+            f'{name}/axis', np.array([[np.zeros(3), UP]], np.float32), _for_arrows(color[None]),
+            shaft_radius=0.013, head_radius=0.032, head_length=0.08)
+        self._scene.add_point_cloud(
+            f'{name}/tip', np.array([UP], np.float32), color[None], point_size=0.036,
+            point_shape='circle', precision='float32', point_shading='flat')
+        self._scene.add_label(
+            f'{name}/label', f'agent {i}', position=LABEL_HEIGHT * UP, anchor='center-center',
+            font_screen_scale=1.15)
+        return frame
 
     def _make_edges(self, edges):
         """Put in the edges, those of one weight together: an arrow is as thick as it counts."""

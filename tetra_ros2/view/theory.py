@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tetra_ros2.formation import convergence, measures, shapes
+from tetra_ros2.formation import measures, shapes, stability
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.view.history import decay_rate, spin_rate
 
@@ -46,17 +46,15 @@ class Theory:
         """
         if self.topology is None or self.gain is None or self.topology.n != self.n:
             return None, None
-        if self.shape is shapes.TETRAHEDRON:
-            ideal = shapes.TETRAHEDRON.points
-            if measures.chirality(gamma) != measures.chirality(ideal):
-                ideal = -ideal
-            spin = shapes.predicted_angular_velocity(gamma, self.topology, self.gain)
-            return float(np.linalg.norm(spin)), convergence.slowest_rate(
-                ideal, self.topology.weights, self.gain)
-        if self.shape is not None and self.topology.n > 2:
-            return 0.0, convergence.slowest_rate(
-                self.shape.points, self.topology.weights, self.gain)
-        return None, None
+        shape = self.shape
+        if shape is None or self.n == 2:  # a pair may approach its shape slower than any rate
+            return None, None
+        ideal = shape.points
+        if shape is shapes.TETRAHEDRON and measures.chirality(gamma) != measures.chirality(ideal):
+            ideal = -ideal
+        there = stability.transverse(ideal, self.topology.weights, self.gain)
+        slowest = -float(there.eigenvalues[0].real)
+        return float(np.linalg.norm(there.spin)), slowest if slowest > 1e-6 else None
 
 
 def table(theory, times, gamma, error, rates):
