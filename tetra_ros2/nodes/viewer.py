@@ -34,14 +34,14 @@ from tetra_ros2.parameters import check_parameters, ConfigurationError, FORMATIO
 from tetra_ros2.ros import cdr, diagnostics, executor, names, qos
 from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.view.panel import Controls, FRAME_PERIOD, Page
-from tetra_ros2.view.server import serve
+from tetra_ros2.view.server import serve, stop
 from tetra_ros2.view.theory import Theory
 
 LATEST = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Who only looks may miss something, and must not keep the plant waiting."""
 
-MOST_STATES = 40
+MOST_STATES = 12
 """States looked at for one picture; those between them nobody would see."""
 
 INQUIRY_PERIOD = 1.0
@@ -96,7 +96,7 @@ class Viewer(FormationNode):
 
     def close(self):
         """Send the browsers away."""
-        self.page.server.stop()
+        stop(self.page.server)
 
     def _refresh(self):
         """Do what was asked for, and draw what has come."""

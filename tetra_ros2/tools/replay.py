@@ -12,7 +12,7 @@ import numpy as np
 from tetra_ros2.tools import recording
 from tetra_ros2.view.history import History, WINDOW
 from tetra_ros2.view.panel import FRAME_PERIOD, Page
-from tetra_ros2.view.server import serve
+from tetra_ros2.view.server import serve, stop
 from tetra_ros2.view.theory import Theory
 
 SPEEDS = {'¼': 0.25, '1': 1.0, '4': 4.0, '16': 16.0}
@@ -105,17 +105,17 @@ def run(arguments):
     :returns: 0
     :raises ConfigurationError: if the recording cannot be read or the port is taken
     """
-    loaded = recording.load(arguments.bag, arguments.namespace or None)
-    page = Page(serve(arguments.host, arguments.port))
-    replay = Replay(page, loaded)
     signalled = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: signalled.set())
+    loaded = recording.load(arguments.bag, arguments.namespace or None)
+    page = Page(serve(arguments.host, arguments.port))
+    replay = Replay(page, loaded)
     print(f'open {page.address} in a browser', flush=True)
     last = time.monotonic()
     while not signalled.wait(FRAME_PERIOD):
         now = time.monotonic()
         replay.advance(now - last)
         last = now
-    page.server.stop()
+    stop(page.server)
     return 0

@@ -14,7 +14,8 @@ FLOOR = 1e-16
 MOST_PAIRS = 66
 """Pairs that are drawn one by one; of more, the smallest and the largest cosine."""
 
-HEIGHT = 150
+HEIGHT = 106
+"""Of each chart [px]: both are seen at once on a page of 800."""
 
 
 def _axes():

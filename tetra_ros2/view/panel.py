@@ -165,6 +165,6 @@ class Controls:
 
     def show_plant(self, reachable, has_speed):
         """Offer what the plant offers."""
-        for button in (self._pause, self._start):
-            self._page.show(button, 'disabled', not reachable)
+        self._page.show(self._pause, 'disabled', not reachable)
+        self._page.show(self._start, 'visible', reachable)
         self._page.show(self._speed, 'visible', has_speed)

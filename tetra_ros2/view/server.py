@@ -42,6 +42,12 @@ def serve(host, port):
     return server
 
 
+def stop(server):
+    """End it, and send the browsers away."""
+    with contextlib.redirect_stdout(io.StringIO()):  # as it greeted, it takes its leave
+        server.stop()
+
+
 def address(server):
     """Return the address to open in a browser."""
     host = server.get_host()
