@@ -114,6 +114,10 @@ def charts(page):
 def picture(page, name):
     """Keep a screenshot, and return its pixels."""
     from PIL import Image
+    for button in page.locator('.mantine-Notification-closeButton').all():
+        button.click()  # no GPU in here, it says
+    page.mouse.move(400, 780)
+    page.wait_for_timeout(1500)  # and what was paused comes to rest in the picture too
     ARTEFACTS.mkdir(parents=True, exist_ok=True)
     path = ARTEFACTS / f'{name}.png'
     page.screenshot(path=path)
@@ -158,6 +162,8 @@ def test_the_page_shows_labelled_axes_and_moving_charts(open_page, processes, pr
     assert np.all(np.isfinite(error))
     page.get_by_text('Pause', exact=True).click()
     page.get_by_text('Go on', exact=True).wait_for()
+    page.wait_for_timeout(2500)  # longer than a plant may be silent
+    assert 'paused' in status(page)
     pixels = picture(page, 'viewer')
     for i in range(1, 5):
         assert pixels_like(pixels, colors.agent(i)) > 100, f'agent {i}'

@@ -93,14 +93,12 @@ class Monitor(FormationNode):
         self._cosines.publish(self._encode_cosines(*observer.cosines))
         if observer.shape is not None:
             self._error.publish(self._encode_error(observer.error))
-        for tell in self._watchers:
-            tell(message)
         if self._awaited is not None and stamp >= self._awaited[0] \
                 and not self._awaited[1].done():
             self._awaited[1].set_result(stamp)
 
     def watch(self, tell):
-        """Call a function with the bytes of every new state; it has to be quick."""
+        """Call a function with the bytes of every good state, repeated or not; it must be quick."""
         self._watchers.append(tell)
 
     def notify(self, stamp, future):

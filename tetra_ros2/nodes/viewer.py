@@ -161,9 +161,11 @@ class Viewer(FormationNode):
         found = (self._edge.fullmatch(topic) for topic, _ in self.get_topic_names_and_types())
         edges = sorted({(int(m[1]), int(m[2])) for m in found if m})
         weights = self._know()
+        if weights is not None:
+            # DDS remembers the topics of a plant that died, of more agents perhaps, for a while.
+            edges = [(i, j) for i, j in edges if max(i, j) <= len(weights)]
         self.page.edges = tuple(
-            (i, j, None if weights is None or max(i, j) > len(weights)
-             else float(weights[i - 1, j - 1])) for i, j in edges)
+            (i, j, None if weights is None else float(weights[i - 1, j - 1])) for i, j in edges)
         if not self.page.watched:
             return
         n = 0 if self.page.history.gamma is None else len(self.page.history.gamma)

@@ -137,7 +137,7 @@ class Scene:
                 _for_arrows(tint),
                 shaft_radius=thickness, head_radius=2.4 * thickness + 0.008, head_length=0.06)
             self._edge_groups.append((handle, np.array(pairs) - 1))
-        if len(by_weight) > 1 and self._n <= 6:
+        if len(by_weight) > 1 and None not in by_weight and self._n <= 6:
             self._weight_labels = [
                 self._scene.add_label(f'/formation/weights/{i}_{j}', f'{weight:.3g}',
                                       anchor='center-center', font_screen_scale=0.75)

@@ -5,6 +5,7 @@
 
 import contextlib
 import io
+import logging
 import socket
 
 import viser
@@ -34,6 +35,8 @@ def serve(host, port):
         raise ConfigurationError(
             f'cannot listen on {host} port {port}: {reason.lower()}; give another one',
             key='--port') from None
+    # Who connects and says nothing, such as a port scanner, is not worth a traceback.
+    logging.getLogger('websockets.server').setLevel(logging.CRITICAL)
     with contextlib.redirect_stdout(io.StringIO()):  # it greets, whatever it was told
         server = viser.ViserServer(host=host, port=port, label=TITLE, verbose=False)
     server.gui.configure_theme(
