@@ -98,7 +98,7 @@ class Monitor(FormationNode):
             self._awaited[1].set_result(stamp)
 
     def watch(self, tell):
-        """Call a function with the bytes of every good state, repeated or not; it must be quick."""
+        """Call a function, a quick one, with the bytes of every good state, repeated or not."""
         self._watchers.append(tell)
 
     def notify(self, stamp, future):
