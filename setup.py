@@ -28,6 +28,7 @@ extras = {
     'analysis': ['matplotlib'],
     'study': ['numba', 'pyarrow'],
     'cluster': ['distributed'],
+    'bench': ['numba', 'scipy'],
 }
 extras['all'] = [package for name in extras if name != 'ros' for package in extras[name]]
 extras['test'] = [

@@ -221,7 +221,9 @@ def _run(arguments, ros):
         if arguments.command in TOOLS:
             return TOOLS[arguments.command][0].run(arguments)
         namespace = configuration.check_namespace(arguments.namespace)
-        kinds = parameters.PARAMETERS if arguments.command == 'launcher' else [arguments.command]
+        kinds = parameters.PARAMETERS
+        if arguments.command != 'launcher':  # a viewer has no parameters of its own
+            kinds = [kind for kind in kinds if kind == arguments.command]
         configuration.check_ros_arguments(ros, kinds)
         config = None
         if arguments.config is not None:

@@ -129,6 +129,11 @@ class Launcher:
                 self.agents[i] = self._add(Agent, 'agent', i)
         if names.PLANT not in self._without:
             self.plant = self._add(Plant, 'plant', start=False)
+        if self._view is not None:
+            from tetra_ros2.nodes.viewer import Viewer
+            host, port = self._view
+            # It gets the states from the monitor: one subscription more would slow the steps.
+            self.viewer = self._add(Viewer, None, watch=self.monitor.watch, host=host, port=port)
         self._discover()
         if self._recording:
             from tetra_ros2.nodes.recorder import Recorder

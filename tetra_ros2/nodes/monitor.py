@@ -66,6 +66,11 @@ class Monitor(FormationNode):
               for i, j in self.observer.pairs)]
         return message
 
+    def _look(self):
+        """Return the stamp and the reduced attitudes of the last state, or None."""
+        observer = self.observer
+        return (observer.stamp, observer.reduced_attitudes) if observer.count else None
+
     def _make_observer(self, tolerance):
         topology, gain = self.formation.topology, self.formation.gain
         fastest = float(gain.f(0.0) * np.abs(topology.weights).sum(axis=1).max())
@@ -88,6 +93,8 @@ class Monitor(FormationNode):
                 self.observer = self._make_observer(observer.tolerance)
             return
         self._old = 0
+        for tell in self._watchers:
+            tell(message)
         if not new:
             return
         self._cosines.publish(self._encode_cosines(*observer.cosines))
