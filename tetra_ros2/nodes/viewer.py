@@ -68,6 +68,7 @@ class Viewer(FormationNode):
 
     def __init__(self, *, host='127.0.0.1', port=8080, watch=None, **kwargs):
         super().__init__(names.VIEWER, **kwargs)
+        self.exclusive_inputs = False  # everybody publishes diagnostics
         self.page = Page(serve(host, port))
         self._inbox = deque(maxlen=10000)
         self._requests = queue.SimpleQueue()  # what the server's threads ask of this one

@@ -63,7 +63,8 @@ class Charts:
              uplot.Series(label='predicted slope', stroke=colors.AGENTS[1], width=2,
                           dash=(6, 4)),
              uplot.Series(label='error', stroke=colors.AGENTS[0], width=2)),
-            title='error [rad], powers of ten', legend=uplot.Legend(show=True, live=False),
+            title='error [rad], powers of ten', visible=bool(targets),
+            legend=uplot.Legend(show=True, live=False),
             **{**common, 'scales': {'x': uplot.Scale(time=False),
                                     'y': uplot.Scale(auto=True)}})
 

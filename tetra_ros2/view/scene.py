@@ -129,8 +129,10 @@ class Scene:
         for i, j, weight in edges:
             by_weight[abs(weight) if weight is not None else None].append((i, j))
         largest = max((w for w in by_weight if w is not None), default=1.0)
+        finer = min(1.0, (12.0 / max(len(edges), 1)) ** 0.5)  # many of them hide one another
         for k, (weight, pairs) in enumerate(by_weight.items()):
             thickness = 0.006 if weight is None else 0.003 + 0.006 * weight / largest
+            thickness *= finer
             tint = np.array([colors.rgb(colors.agent(i)) for i, _ in pairs], dtype=np.uint8)
             handle = self._scene.add_arrows(
                 f'/formation/edges/{k}', np.zeros((len(pairs), 2, 3), np.float32),

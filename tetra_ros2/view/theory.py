@@ -76,10 +76,11 @@ def table(theory, times, gamma, error, rates):
     measured_spin = spin_rate(times, gamma)
     rows = [
         ('cosines', targets, f'{np.min(cosines):.4f} … {np.max(cosines):.4f}'),
-        ('error [rad]', '0', f'{error[-1]:.2e}'),
         ('spin [rad/s]', _number(spin), _number(measured_spin)),
-        ('turn [s]', _period(spin), _period(measured_spin)),
-        ('decay [1/s]', _number(decay), _number(decay_rate(times, error)))]
+        ('turn [s]', _period(spin), _period(measured_spin))]
+    if theory.shape is not None:  # otherwise there is nothing known to be away from
+        rows[1:1] = [('error [rad]', '0', f'{error[-1]:.2e}')]
+        rows += [('decay [1/s]', _number(decay), _number(decay_rate(times, error)))]
     lines = ['|  | theory | measured |', '|:--|--:|--:|']
     return '\n'.join(lines + [f'| {name} | {a} | {b} |' for name, a, b in rows])
 
