@@ -17,12 +17,14 @@ scripts = {'tetra': 'tetra_ros2.cli:main'}
 if not {'bdist_wheel', 'dist_info', 'editable_wheel'}.intersection(sys.argv):
     scripts.update({
         name: f'tetra_ros2.cli:{name}'
-        for name in ('agent', 'plant', 'monitor', 'recorder', 'launcher')})
+        for name in ('agent', 'plant', 'monitor', 'recorder', 'launcher', 'viewer')})
 
 extras = {
     # For a machine without ROS 2. Whoever has it from apt must not install this.
     'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
     'record': ['rosbags'],
+    'plot': ['matplotlib', 'pillow', 'rosbags'],
+    'view': ['rosbags', 'viser'],
     'analysis': ['matplotlib'],
     'study': ['numba', 'pyarrow'],
     'cluster': ['distributed'],
@@ -40,6 +42,7 @@ extras['test'] = [
     'hypothesis',
     'mcap',
     'mcap-ros2-support',
+    'playwright',
     'pytest',
     'pytest-timeout',
     'ruff',
@@ -59,7 +62,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (share, ['package.xml']),
-        (f'{share}/config', sorted(map(str, Path('config').glob('*.yaml')))),
+        (f'{share}/config', sorted(map(str, Path('config').iterdir()))),
         (f'{share}/launch', sorted(map(str, Path('launch').glob('*.launch.py')))),
     ],
     python_requires='>=3.10',

@@ -13,6 +13,7 @@ from launch_ros.actions import Node
 
 from launch import LaunchDescription
 from tetra_ros2 import configuration
+from tetra_ros2.share import share_directory
 
 
 def start(context):
@@ -37,6 +38,12 @@ def start(context):
     if argument('record'):
         nodes.append(Node(
             executable='recorder', arguments=['--output', argument('record')], **common))
+    if argument('rviz').lower() in ('true', '1', 'yes'):
+        # In the namespace of the formation: the names of topics in the file are relative.
+        nodes.append(Node(
+            package='rviz2', executable='rviz2', namespace=argument('namespace'),
+            arguments=['-d', str(share_directory() / 'config' / 'formation.rviz')],
+            output='screen'))
     return nodes
 
 
@@ -54,5 +61,7 @@ def generate_launch_description():
             'seed', default_value='', description='of the initial attitudes; empty: as in config'),
         DeclareLaunchArgument(
             'record', default_value='', description='directory to record into; empty: do not'),
+        DeclareLaunchArgument(
+            'rviz', default_value='false', description='true: show the formation in RViz'),
         OpaqueFunction(function=start),
     ])

@@ -18,7 +18,7 @@ import yaml
 from tetra_ros2.share import share_directory
 
 TOP = Path(__file__).resolve().parents[1]
-NODES = {'agent', 'plant', 'monitor', 'recorder', 'launcher'}
+NODES = {'agent', 'plant', 'monitor', 'recorder', 'launcher', 'viewer'}
 
 
 def run(*command, **kwargs):
@@ -194,3 +194,13 @@ def test_the_launch_file_passes_mode_and_seed_to_the_plant_only(launch_file):
     for node in nodes:
         expected = {'mode': 'realtime', 'seed': 3}
         assert (node.parameters[1:] == [expected]) == (node.executable == 'plant')
+
+
+def test_the_launch_file_shows_the_formation_in_rviz_if_told_to(launch_file):
+    assert not [n for n in launched(launch_file, config='complete') if n.package == 'rviz2']
+    rviz, = (n for n in launched(launch_file, config='complete', namespace='orbit', rviz='true')
+             if n.package == 'rviz2')
+    assert rviz.namespace == 'orbit', 'the topics in the file are relative'
+    option, file = rviz.arguments
+    assert option == '-d'
+    assert yaml.safe_load(Path(file).read_text())['Visualization Manager']

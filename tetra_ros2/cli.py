@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 
-from tetra_ros2.tools import analyze, bench, figures, study, verify
+from tetra_ros2.tools import analyze, bench, figures, plot, study, verify
 
 
 class _Parser(argparse.ArgumentParser):
@@ -88,8 +88,8 @@ def _launcher_arguments(parser):
     _add_config(parser)
     parser.set_defaults(config='complete')
     parser.add_argument(
-        '--duration', type=float, default=30.0, metavar='S',
-        help='formation time to run [s] (default: %(default)s)')
+        '--duration', type=float, metavar='S',
+        help='formation time to run [s] (default: 30; with --view until Ctrl-C)')
     parser.add_argument(
         '--mode', choices=('lockstep', 'realtime'), help='how time passes (default: as in FILE)')
     parser.add_argument(
@@ -102,6 +102,10 @@ def _launcher_arguments(parser):
     parser.add_argument(
         '--without', action='append', default=[], metavar='NODE',
         help="leave out plant or agent_I, for somebody else's in its place")
+    parser.add_argument(
+        '--view', action='store_true',
+        help='show it in a browser, at the pace of real time, until Ctrl-C')
+    _add_web(parser)
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
     parser.add_argument('--quiet', action='store_true', help='show no progress')
     _add_namespace(parser)
@@ -112,15 +116,42 @@ def _launcher(arguments, config, ros):
     return report.main(arguments, config, ros)
 
 
+def _viewer_arguments(parser):
+    _add_web(parser)
+    parser.add_argument(
+        '--bag', metavar='DIR', help='show this recording, with a time slider, and no ROS')
+    _add_config(parser)
+    _add_namespace(parser)
+
+
+def _add_web(parser):
+    parser.add_argument(
+        '--host', metavar='ADDRESS', default='127.0.0.1',
+        help='address to listen on; 0.0.0.0 lets other machines look (default: %(default)s)')
+    parser.add_argument(
+        '--port', type=int, default=8080, metavar='P',
+        help='port to listen on; 0 for any that is free (default: %(default)s)')
+
+
+def _viewer(arguments, config, ros):
+    if arguments.bag is not None:
+        from tetra_ros2.tools import replay
+        return replay.run(arguments)
+    from tetra_ros2.nodes import viewer
+    return viewer.main(arguments.host, arguments.port, config, ros)
+
+
 COMMANDS = {
     'agent': (_agent_arguments, _agent, 'one agent'),
     'plant': (_node_arguments, _plant, 'the rigid bodies, or a stand-in for the real ones'),
     'monitor': (_node_arguments, _monitor, 'watch the formation and publish its error'),
     'recorder': (_recorder_arguments, _recorder, 'record the formation into a rosbag2 directory'),
     'launcher': (_launcher_arguments, _launcher, 'all of them in one process, and a summary'),
+    'viewer': (_viewer_arguments, _viewer, 'show the formation, or a recording, in a browser'),
 }
 
 TOOLS = {
+    'plot': (plot, 'write the figures of a recording'),
     'verify': (verify, 'check every claim of the paper'),
     'analyze': (analyze, 'rates, limits and errors that theory predicts for a configuration'),
     'study': (study, 'follow very many random starts, and say how many form and when'),
@@ -178,7 +209,9 @@ def main(argv=None):
 _INSTALL = {
     'matplotlib': "the figures need it: pip install 'tetra_ros2[analysis]'",
     'rclpy': "source a ROS 2 installation, or without one: pip install 'tetra_ros2[ros]'",
-    'rosbags': 'recording needs it: pip install rosbags',
+    'diagnostic_msgs': "source a ROS 2 installation; without one: pip install 'tetra_ros2[ros]'",
+    'rosbags': 'recordings need it: pip install rosbags',
+    'viser': "the viewer needs it: pip install 'tetra_ros2[view]'",
 }
 
 
@@ -189,7 +222,9 @@ def _run(arguments, ros):
         if arguments.command in TOOLS:
             return TOOLS[arguments.command][0].run(arguments)
         namespace = configuration.check_namespace(arguments.namespace)
-        kinds = parameters.PARAMETERS if arguments.command == 'launcher' else [arguments.command]
+        kinds = parameters.PARAMETERS
+        if arguments.command != 'launcher':  # a viewer has no parameters of its own
+            kinds = [kind for kind in kinds if kind == arguments.command]
         configuration.check_ros_arguments(ros, kinds)
         config = None
         if arguments.config is not None:
@@ -225,3 +260,8 @@ def recorder():
 def launcher():
     """Run ``tetra launcher``."""
     return main(['launcher', *sys.argv[1:]])
+
+
+def viewer():
+    """Run ``tetra viewer``."""
+    return main(['viewer', *sys.argv[1:]])

@@ -53,12 +53,13 @@ class Launcher:
     :param parameters: more parameters, ``{'gain.a': 2.0}`` for all nodes that have it or
         ``{'plant:rate': 50.0}`` for one kind of node; they come before the configuration's
     :param without: names of nodes to leave out, for somebody else's in their place
+    :param view: address and port on which to show it to browsers; None for no viewer
     :param ros_arguments: arguments as after ``--ros-args`` on a command line
     :raises ConfigurationError: if anything of this is not valid; nothing was started then
     """
 
     def __init__(self, config='complete', *, seed=None, mode=None, namespace='', record=None,
-                 storage='mcap', parameters=None, without=(), ros_arguments=()):
+                 storage='mcap', parameters=None, without=(), view=None, ros_arguments=()):
         self._file = configuration.load(config)
         self._given = dict(parameters or {})
         if seed is not None:
@@ -76,7 +77,8 @@ class Launcher:
             check_parameters(kind, self._overrides(kind))
         self._without = set(without)
         self._recording = record is not None
-        self.plant = self.monitor = self.recorder = None
+        self._view = view
+        self.plant = self.monitor = self.recorder = self.viewer = None
         self.agents = {}
         self.nodes = []
         self._context = self.executor = None
@@ -127,6 +129,11 @@ class Launcher:
                 self.agents[i] = self._add(Agent, 'agent', i)
         if names.PLANT not in self._without:
             self.plant = self._add(Plant, 'plant', start=False)
+        if self._view is not None:
+            from tetra_ros2.nodes.viewer import Viewer
+            host, port = self._view
+            # It gets the states from the monitor: one subscription more would slow the steps.
+            self.viewer = self._add(Viewer, None, watch=self.monitor.watch, host=host, port=port)
         self._discover()
         if self._recording:
             from tetra_ros2.nodes.recorder import Recorder
@@ -139,7 +146,7 @@ class Launcher:
             self.plant.time.start()
 
     def _add(self, node_type, kind, *args, **kwargs):
-        overrides = self._overrides(kind)
+        overrides = self._overrides(kind) if kind is not None else {}
         node = node_type(
             *args, context=self._context, namespace=self._namespace, **self._for_nodes, **kwargs,
             parameter_overrides=[Parameter(k, value=v) for k, v in overrides.items()])
@@ -172,6 +179,7 @@ class Launcher:
             publisher too many
         """
         missing, crowded = [], []
+        watching = (self.recorder, self.viewer)  # many may publish what these listen to
         listeners = Counter(s.topic_name for node in self.nodes for s in node.inputs)
         if self.recorder is not None:
             offered = {p.topic_name for node in self.nodes for p in node.outputs}
@@ -180,7 +188,7 @@ class Launcher:
             for publisher in node.outputs:
                 if publisher.get_subscription_count() < listeners[publisher.topic_name]:
                     missing.append(publisher.topic_name)
-            for subscription in node.inputs if node is not self.recorder else ():
+            for subscription in node.inputs if node not in watching else ():
                 count = subscription.get_publisher_count()
                 if count == 0:
                     missing.append(subscription.topic_name)
@@ -281,6 +289,8 @@ class Launcher:
         """Stop all nodes; what can be told is told, what is recorded is kept."""
         if self.executor is None:
             return
+        if self.viewer is not None:
+            self.viewer.close()
         if self.plant is not None:
             self.plant.close()
         for agent in self.agents.values():

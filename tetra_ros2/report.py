@@ -12,15 +12,22 @@ import time
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.parameter import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from tetra_ros2.launcher import Launcher
+from tetra_ros2.launcher import Launcher, STALL_TIMEOUT
 from tetra_ros2.parameters import ConfigurationError
-from tetra_ros2.ros.executor import until_signalled
+from tetra_ros2.ros.executor import spin_some, until_signalled
 
 REFRESH_PERIOD = 0.1
 """How often the progress is drawn [s]."""
+
+DURATION = 30.0
+"""How long a formation runs if nobody says [s]."""
+
+FOREVER = 9e8
+"""As long as it runs if somebody looks on [s]."""
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as a shell has it."""
@@ -36,26 +43,38 @@ def main(arguments, config, ros_arguments):
     :returns: the exit status: 0 if it formed, 1 if it did not, 130 if it was interrupted
     :raises ConfigurationError: if it was called wrongly; nothing was started then
     """
-    if not 0.0 < arguments.duration < 1e9:
+    duration = arguments.duration
+    if duration is None:
+        duration = FOREVER if arguments.view else DURATION
+    if not 0.0 < duration < 1e9:
         raise ConfigurationError(
-            f'{arguments.duration!r} is not valid, expected a time greater than 0',
+            f'{duration!r} is not valid, expected a time greater than 0',
             key='--duration')
     launcher = Launcher(
         config, seed=arguments.seed, mode=arguments.mode,
         namespace=arguments.namespace, record=arguments.record, storage=arguments.storage,
-        without=arguments.without, ros_arguments=ros_arguments)
+        without=arguments.without,
+        view=(arguments.host, arguments.port) if arguments.view else None,
+        ros_arguments=ros_arguments)
     with launcher, until_signalled(launcher.executor) as interrupt:
+        if arguments.view:
+            _keep_pace(launcher.plant)
         begun = time.monotonic()
-        with _Progress(launcher, arguments):
+        with _Progress(launcher, duration, arguments.quiet or duration == FOREVER):
             try:
-                complete = launcher.run_for(arguments.duration, interrupt=interrupt)
+                complete = launcher.run_for(
+                    duration, interrupt=interrupt,
+                    stall_timeout=math.inf if arguments.view else STALL_TIMEOUT)
             except TimeoutError as error:
                 print(f'tetra: error: {error}', file=sys.stderr)
                 return 1
         wall_time = time.monotonic() - begun
+        while arguments.view and not interrupt.done():
+            spin_some(launcher.executor, interrupt)  # who looks may look on
         if not launcher.monitor.observer.count:
             return INTERRUPTED
         summary = launcher.summary()
+        complete = complete or arguments.view  # Ctrl-C is how looking ends
         if not complete:
             print(f'interrupted after {summary.duration:.2f} s', file=sys.stderr)
     if arguments.json:
@@ -67,14 +86,21 @@ def main(arguments, config, ros_arguments):
     return 0 if summary.formed else 1
 
 
+def _keep_pace(plant):
+    """Let formation time pass as fast as time, unless the plant was given another pace."""
+    if plant is not None and plant.mode == 'lockstep' \
+            and not plant.get_parameter('real_time_factor').value:
+        plant.set_parameters([Parameter('real_time_factor', value=1.0)])
+
+
 class _Progress:
     """Show formation time and error while the launcher runs, on a terminal only."""
 
-    def __init__(self, launcher, arguments):
+    def __init__(self, launcher, duration, quiet):
         self._launcher = launcher
-        self._duration = arguments.duration
+        self._duration = duration
         self._console = Console(stderr=True)
-        self._shown = not arguments.quiet and self._console.is_terminal
+        self._shown = not quiet and self._console.is_terminal
 
     def __enter__(self):
         if self._shown:

@@ -18,6 +18,7 @@ from tetra_ros2.formation import shapes
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.observer import Observer
 from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
+from tetra_ros2.ros.markers import Markers
 from tetra_ros2.ros.node import FormationNode
 
 PATIENCE = 3
@@ -39,6 +40,7 @@ class Monitor(FormationNode):
         self.observer = self._make_observer(values['tolerance'])
         self._old = 0  # how many old stamps in a row
         self._awaited = None
+        self._watchers = []
         self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decode
         self._cosines = self.offer(Float64MultiArray, names.COSINES, qos.STATE)
         self._encode_cosines = cdr.trailing_numbers(
@@ -46,6 +48,7 @@ class Monitor(FormationNode):
         if self.observer.shape is not None:
             self._error = self.offer(Float64, names.ERROR, qos.STATE)
             self._encode_error = cdr.trailing_numbers(serialize_message(Float64()), 1)
+        self._markers = Markers(self, self._look)
         self.report_health()
         if reservation := shapes.reservation(formation.topology, formation.gain):
             self.get_logger().warning(reservation)
@@ -62,6 +65,11 @@ class Monitor(FormationNode):
             *(MultiArrayDimension(label=f'{i} {j}', size=1, stride=1)
               for i, j in self.observer.pairs)]
         return message
+
+    def _look(self):
+        """Return the stamp and the reduced attitudes of the last state, or None."""
+        observer = self.observer
+        return (observer.stamp, observer.reduced_attitudes) if observer.count else None
 
     def _make_observer(self, tolerance):
         topology, gain = self.formation.topology, self.formation.gain
@@ -85,6 +93,8 @@ class Monitor(FormationNode):
                 self.observer = self._make_observer(observer.tolerance)
             return
         self._old = 0
+        for tell in self._watchers:
+            tell(message)
         if not new:
             return
         self._cosines.publish(self._encode_cosines(*observer.cosines))
@@ -93,6 +103,10 @@ class Monitor(FormationNode):
         if self._awaited is not None and stamp >= self._awaited[0] \
                 and not self._awaited[1].done():
             self._awaited[1].set_result(stamp)
+
+    def watch(self, tell):
+        """Call a function, a quick one, with the bytes of every good state, repeated or not."""
+        self._watchers.append(tell)
 
     def notify(self, stamp, future):
         """Complete a future with the first sample at or after a stamp [ns]."""

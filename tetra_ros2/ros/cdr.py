@@ -129,6 +129,22 @@ def pose_array(frame_id, n):
     return StampedNumbers(frame_id, 7 * n, length=n)
 
 
+def sequence_length(message):
+    """
+    Return how many elements the sequence after the header of a message has.
+
+    :param message: bytes of a header and a sequence, such as geometry_msgs/PoseArray
+    :raises Rejected: if they are too few
+    """
+    try:
+        order = _ORDERS[bytes(message[:2])]
+        frame_size, = struct.unpack_from(f'{order}I', message, 12)
+        length, = struct.unpack_from(f'{order}I', message, 16 + frame_size + -frame_size % 4)
+    except (KeyError, struct.error):
+        raise Rejected(Rejected.MALFORMED) from None
+    return length
+
+
 def trailing_numbers(template, count):
     """
     Return an encoder of messages that differ in their last numbers only.

@@ -6,10 +6,12 @@
 PLANT = 'plant'
 MONITOR = 'monitor'
 RECORDER = 'recorder'
+VIEWER = 'viewer'
 
 ATTITUDES = 'formation/attitudes'
 COSINES = 'formation/cosines'
 ERROR = 'formation/error'
+MARKERS = 'formation/markers'
 DIAGNOSTICS = 'diagnostics'
 CLOCK = '/clock'
 

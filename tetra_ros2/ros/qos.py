@@ -22,6 +22,10 @@ STATE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """What is there to be watched and recorded: all of it, even by one who is briefly busy."""
 
+PICTURE = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE)
+"""What is there to be looked at: the next picture makes up for this one."""
+
 REPORTS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE)
 """Diagnostics: a few, now and then."""

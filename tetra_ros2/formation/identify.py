@@ -1,0 +1,131 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The law of a formation, read off its motion: who counts how much, and under which gain.
+
+A recording holds no parameters. The law is linear in the weights, so that for each family of
+gains they follow by least squares from what the agents commanded, and the family that leaves
+nothing over is the right one. Only the product ``W(i, j) f`` shows in a motion: here the largest
+weight is 1, as in the paper's graphs.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tetra_ros2.formation import gain as gains
+from tetra_ros2.formation import sphere
+from tetra_ros2.formation.topology import Topology
+
+TOLERANCE = 1e-3
+"""Residual, relative to the commands, above which no family of gains explains them."""
+
+EXACT = 1e-7
+"""Residual below which there is no need to look any further."""
+
+SAMPLES = 300
+"""How many states are looked at; most of them early, when there is something to see."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """
+    A law that explains what was commanded.
+
+    :param topology: a custom :class:`~tetra_ros2.formation.topology.Topology`, largest weight 1
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param residual: what it leaves unexplained of the commands, relative to them
+    """
+
+    topology: Topology
+    gain: gains.Gain
+    residual: float
+
+    @property
+    def rounded(self):
+        """Return the topology with its weights rounded to what one would write down."""
+        return Topology('custom', np.round(self.topology.weights, 7))
+
+
+def identify(gamma, rates, edges):
+    """
+    Return the law that a formation obeyed, or None if no family of gains explains its commands.
+
+    :param gamma: reduced attitudes in the world frame, ``(k, n, 3)``
+    :param rates: angular velocities w_i in the world frame that answer these states [rad/s],
+        ``(k, n, 3)``; NaN where there are none
+    :param edges: (i, j) for each j that agent i sees, from 1
+    """
+    complete = np.flatnonzero(np.all(np.isfinite(rates), axis=(-2, -1)))
+    if not len(complete) or not edges:
+        return None
+    early = np.geomspace(1.0, len(complete), SAMPLES).astype(int) - 1
+    chosen = complete[np.unique(early)]
+    gamma, rates = gamma[chosen], rates[chosen]
+    best = None
+    for family in gains.KINDS.values():
+        for b in (1.0, *_shapes(family, gamma, rates, edges)):
+            found = _fit(family, b, gamma, rates, edges)
+            if found is not None and (best is None or found.residual < best.residual):
+                best = found
+            if best is not None and best.residual < EXACT:
+                return best
+    return best if best is not None and best.residual < TOLERANCE else None
+
+
+def _shapes(family, gamma, rates, edges):
+    """Yield the shape parameter b that explains the commands best, for families that have one."""
+    theta = np.linspace(0.1, 3.0, 5)
+    if np.array_equal(family(1.0, 1.0).f(theta), family(1.0, 0.9).f(theta)):
+        return
+
+    def residual(logarithm):
+        found = _fit(family, float(np.exp(logarithm)), gamma, rates, edges)
+        return np.inf if found is None else found.residual
+
+    grid = np.linspace(-2.5, 2.0, 19)
+    k = int(np.argmin([residual(x) for x in grid]))
+    low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
+    golden = (np.sqrt(5.0) - 1.0) / 2.0
+    for _ in range(40):
+        left, right = high - golden * (high - low), low + golden * (high - low)
+        if residual(left) < residual(right):
+            high = right
+        else:
+            low = left
+    yield float(np.exp(0.5 * (low + high)))
+
+
+def _fit(family, b, gamma, rates, edges):
+    """Return the law of a family and a shape that explains the commands best, or None."""
+    try:
+        unit = family(1.0, b)
+    except ValueError:
+        return None  # not a gain, for this b
+    n = gamma.shape[1]
+    products = np.zeros((n, n))
+    left = total = 0.0
+    for i in range(n):
+        seen = [j - 1 for a, j in edges if a == i + 1]
+        target = rates[:, i].ravel()
+        total += target @ target
+        if not seen:
+            left += target @ target
+            continue
+        own, others = gamma[:, i, None], gamma[:, seen]
+        rate = unit.f(sphere.geodesic_distance(own, others))[..., None]
+        columns = np.moveaxis(-rate * np.cross(own, others), 1, 2).reshape(-1, len(seen))
+        solution, _, rank, _ = np.linalg.lstsq(columns, target, rcond=1e-9)
+        if rank < len(seen):
+            return None  # the motion does not tell one neighbour from another
+        products[i, seen] = solution
+        rest = target - columns @ solution
+        left += rest @ rest
+    a = float(np.max(np.abs(products)))
+    if total == 0.0 or a == 0.0:
+        return None
+    weights = products / a
+    # A weight of nothing but rounding belongs to an edge that is there but does not count.
+    weights[np.abs(weights) < 1e-12] = 0.0
+    return Identified(Topology('custom', weights), family(a, b), float(np.sqrt(left / total)))
