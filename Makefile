@@ -7,7 +7,7 @@ VENV := .venv
 CLEAN := env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH
 TETRA := $(CLEAN) $(VENV)/bin/tetra
 
-.PHONY: help demo test verify lint clean
+.PHONY: help demo test browser verify bench lint clean
 
 help:  ## say what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
@@ -18,7 +18,7 @@ demo: $(VENV)/.ros  ## form the complete and then the rotating formation
 	@echo; echo '$$ tetra launcher --config rotating'
 	@$(TETRA) launcher --config rotating
 
-test: $(VENV)/.test  ## run all tests
+test: $(VENV)/.test browser  ## run all tests
 	$(CLEAN) $(VENV)/bin/ruff check .
 	$(CLEAN) $(VENV)/bin/python -m pytest $(PYTEST_ARGS)
 
@@ -27,6 +27,13 @@ verify: $(VENV)/.test  ## check every claim of the paper
 
 bench: $(VENV)/.bench  ## measure it against what there is to compare with
 	@$(TETRA) bench $(BENCH_ARGS)
+
+browser:
+	@for name in chromium chromium-browser google-chrome; do \
+	  if command -v $$name > /dev/null; then exit 0; fi; done; \
+	if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
+	  apt-get update -qq && apt-get install -y -qq chromium > /dev/null; \
+	else echo "The viewer is tested in a real browser: sudo apt install chromium" >&2; exit 2; fi
 
 lint: $(VENV)/.test  ## check the style
 	$(CLEAN) $(VENV)/bin/ruff check .
