@@ -354,19 +354,28 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path):
         assert errors.splitlines()[-1].startswith('tetra: error: --port: cannot listen on')
 
 
-def test_lockstep_with_a_view_is_nearly_as_fast():
+def test_lockstep_with_a_view_is_nearly_as_fast(monkeypatch):
     from tetra_ros2.launcher import Launcher
-    seconds = {None: [], ('127.0.0.1', 0): []}
-    for _ in range(2):
-        for view, taken in seconds.items():
-            with Launcher('rotating', seed=1, view=view) as formation:
-                formation.run_for(2.0)
+    from tetra_ros2.nodes.viewer import Viewer
+    from tetra_ros2.view.panel import Page
+    active = [True]
+    refresh = Viewer._refresh
+    monkeypatch.setattr(Viewer, '_refresh', lambda self: active[0] and refresh(self))
+    monkeypatch.setattr(Page, 'watched', True)  # it draws; the browser is on another machine
+    ratios = []
+    with Launcher('rotating', seed=1, view=('127.0.0.1', 0)) as formation:
+        formation.run_for(5.0)
+        watchers = formation.monitor._watchers[:]
+        for _ in range(12):  # in pairs, as a busy machine is never twice as fast
+            seconds = []
+            for active[0] in (False, True):
+                formation.monitor._watchers[:] = watchers if active[0] else []
                 begun = time.process_time()
                 formation.run_for(20.0)
-                taken.append(time.process_time() - begun)
-    without, with_view = map(min, seconds.values())
-    print(f'processor time for 2000 steps: {without:.3f} s, with the viewer {with_view:.3f} s')
-    assert with_view < 1.1 * without + 0.05
+                seconds.append(time.process_time() - begun)
+            ratios.append(seconds[1] / seconds[0])
+    print(f'with a viewer that draws: {np.median(ratios):.3f} of the processor time without')
+    assert np.median(ratios) < 1.1
 
 
 def test_a_history_keeps_half_a_minute_and_begins_anew_with_the_plant():

@@ -44,6 +44,18 @@ LATEST = QoSProfile(
 MOST_STATES = 12
 """States looked at for one picture; those between them nobody would see."""
 
+SHARE = 0.02
+"""
+How much of the time may go into pictures while the plant, in this same process, runs as fast as it
+can; what the web server makes of them costs as much again.
+"""
+
+FAST = 1500.0
+"""States per second from which on it does so: nobody asks for these to look at them."""
+
+STATUS_PERIOD = 0.25
+"""How often the line of status is written [s]."""
+
 INQUIRY_PERIOD = 1.0
 """How often to look who is there and how they are set [s]."""
 
@@ -77,6 +89,8 @@ class Viewer(FormationNode):
         self._codec = None
         self._states = self._pictures = 0
         self._heard_at = None
+        self._shares = watch is not None
+        self._drawn_at = self._next_picture = self._next_status = 0.0
         self._plant_paused = False
         self._settings = {}  # parameters of each node that answered, by the node's name
         self._pending = {}
@@ -104,11 +118,22 @@ class Viewer(FormationNode):
         while not self._requests.empty():
             action, arguments = self._requests.get()
             getattr(self, action)(*arguments)
+        begun = time.monotonic()
+        if begun < self._next_picture:
+            return
+        rate = len(self._inbox) / (begun - self._drawn_at)
+        self._drawn_at = begun
         if self._inbox:
             self._take_states()
-        self._show_status()
+        if begun >= self._next_status:
+            self._next_status = begun + STATUS_PERIOD
+            self._show_status()
         self.page.draw()
         self._pictures += self.page.watched
+        if not self.page.watched:
+            self._next_picture = begun + STATUS_PERIOD
+        elif self._shares and rate > FAST:
+            self._next_picture = begun + (time.monotonic() - begun) / SHARE
 
     def _take_states(self):
         messages = [self._inbox.popleft() for _ in range(len(self._inbox))]
