@@ -207,7 +207,7 @@ def main(argv=None):
 
 
 _INSTALL = {
-    'matplotlib': "the figures need it: pip install 'tetra_ros2[analysis]'",
+    'matplotlib': "pictures need it: pip install 'tetra_ros2[plot]'",
     'rclpy': "source a ROS 2 installation, or without one: pip install 'tetra_ros2[ros]'",
     'diagnostic_msgs': "source a ROS 2 installation; without one: pip install 'tetra_ros2[ros]'",
     'rosbags': 'recordings need it: pip install rosbags',
