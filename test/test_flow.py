@@ -6,12 +6,9 @@
 import numpy as np
 import pytest
 
-from tetra_ros2.formation import law
+from tetra_ros2.formation import flow, law
 from tetra_ros2.formation.gain import Cosine, Exponential
 from tetra_ros2.formation.topology import complete, rotating
-
-pytest.importorskip('numba')
-from tetra_ros2.formation import flow
 
 CASES = [(complete(4), Cosine(1.3)), (rotating(), Exponential())]
 
