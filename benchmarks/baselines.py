@@ -7,6 +7,7 @@ The lockstep round without mathematics, checks or state: what there is to compar
 Plant and agents use the topics, types and quality of service of the formation. In one style they
 are written as one writes rclpy: message objects, the default executor. In the other they go to
 the limit of what rclpy and DDS can do: constant bytes, raw subscriptions, the events executor.
+The plants have the interface that ``worker.py`` measures by: ``steps``, ``pause``, ``resume``.
 """
 
 import struct
@@ -36,6 +37,7 @@ class ObjectPlant(Node):
         super().__init__('plant', **kwargs)
         self.steps = 0
         self.stamp = 0
+        self._paused = True
         self._missing = set()
         self._everybody = {*range(1, n + 1)}
         self._state = self.create_publisher(PoseArray, 'formation/attitudes', STATE)
@@ -52,8 +54,18 @@ class ObjectPlant(Node):
         state.poses = [Pose() for _ in range(n)]
         self._state_message = state
 
-    def begin(self):
-        """Publish the state and the measurements of the next step."""
+    def pause(self):
+        """Begin no step any more."""
+        self._paused = True
+
+    def resume(self):
+        """Begin the next step."""
+        self._paused = False
+        self._begin()
+
+    def _begin(self):
+        if self._paused:
+            return
         self._missing = set(self._everybody)
         self.stamp += PERIOD_NS
         clock = Clock()
@@ -78,7 +90,7 @@ class ObjectPlant(Node):
         self._missing.discard(i)
         if not self._missing:
             self.steps += 1
-            self.begin()
+            self._begin()
 
 
 class ObjectAgent(Node):
@@ -122,9 +134,6 @@ class ObjectRealTimePlant(ObjectPlant):
         self._note = note
         self.create_timer(1.0 / rate, self._on_timer)
 
-    def begin(self):
-        """Do nothing: the timer does it."""
-
     def _on_timer(self):
         now = self.get_clock().now()
         self._note(now.nanoseconds, self._stamps)
@@ -143,6 +152,7 @@ class BytePlant(Node):
         super().__init__('plant', **kwargs)
         self.steps = 0
         self.stamp = 0
+        self._paused = True
         self._waiting = 0
         self._n = n
         measurement, state = Vector3Stamped(), PoseArray()
@@ -159,12 +169,25 @@ class BytePlant(Node):
             self.create_subscription(
                 TwistStamped, f'agent_{i}/cmd_vel', self._on_command, COMMANDS, raw=True)
 
-    def begin(self):
-        """Publish the state and the measurements of the next step."""
+    def pause(self):
+        """Begin no step any more."""
+        self._paused = True
+
+    def resume(self):
+        """Begin the next step."""
+        self._paused = False
+        self._begin()
+
+    def _begin(self):
+        if self._paused:
+            return
         self._waiting = self._n
         self.stamp += PERIOD_NS
         head = struct.pack('<4siI', b'\0\1\0\0', *divmod(self.stamp, 1_000_000_000))
         self._time_publisher(head)
+        self._publish(head)
+
+    def _publish(self, head):
         self._state(head + self._state_tail)
         measurement = head + self._measurement
         for publish in self._sensors:
@@ -174,17 +197,41 @@ class BytePlant(Node):
         self._waiting -= 1
         if not self._waiting:
             self.steps += 1
-            self.begin()
+            self._begin()
+
+
+class ByteRealTimePlant(BytePlant):
+    """
+    A plant that steps on a timer and takes the newest commands, with bytes.
+
+    :param note: called at each step with its time and the oldest stamp among the commands [ns]
+    """
+
+    def __init__(self, n, rate, note, **kwargs):
+        super().__init__(n, **kwargs)
+        self._stamps = dict.fromkeys(range(1, n + 1), 0)
+        self._note = note
+        self.create_timer(1.0 / rate, self._on_timer)
+
+    def _on_timer(self):
+        now = self.get_clock().now().nanoseconds
+        self._note(now, self._stamps.values())
+        self.steps += 1
+        self._publish(struct.pack('<4siI', b'\0\1\0\0', *divmod(now, 1_000_000_000)))
+
+    def _on_command(self, message):
+        sec, nanosec, i = struct.unpack_from('<iI4x6xc', message, 4)
+        self._stamps[int(i)] = sec * 1_000_000_000 + nanosec
 
 
 class ByteAgent(Node):
-    """An agent's half of a round, with constant bytes."""
+    """An agent's half of a round, with bytes that only differ in their stamp."""
 
     def __init__(self, i, n, **kwargs):
         super().__init__(f'agent_{i}', **kwargs)
         command = TwistStamped()
         command.header.frame_id = f'agent_{i}'
-        self._command = serialize_message(command)
+        self._command = serialize_message(command)[12:]
         self._count, self._missing = n - 1, n - 1
         self._publish = self.create_publisher(TwistStamped, f'agent_{i}/cmd_vel', NEWEST).publish
         for j in range(1, n + 1):
@@ -197,7 +244,7 @@ class ByteAgent(Node):
         self._missing -= 1
         if not self._missing:
             self._missing = self._count
-            self._publish(self._command)
+            self._publish(message[:12] + self._command)
 
 
 class ByteMonitor(Node):
@@ -223,3 +270,4 @@ class ByteMonitor(Node):
 
 OBJECTS = ObjectPlant, ObjectAgent, SingleThreadedExecutor
 BYTES = BytePlant, ByteAgent, EventsExecutor
+REAL_TIME_PLANTS = {'objects': ObjectRealTimePlant, 'bytes': ByteRealTimePlant}

@@ -75,8 +75,12 @@ def tetra(gamma, tolerance, threads=1):
     return flow.run(gamma, WEIGHTS, Cosine(), DURATION, tolerance, threads)
 
 
-def measure(style, threads, seconds):
-    """Return how many trajectories a second a method follows, and how accurately."""
+def prepare(style, threads):
+    """
+    Return a function that follows trajectories for some time [s], and says how many a second.
+
+    The setting that is accurate enough is looked for before.
+    """
     method, fineness = {'scipy': (scipy, TOLERANCES), 'numpy': (numpy, STEPS),
                         'tetra': (partial(tetra, threads=threads), TOLERANCES)}[style]
     if threads == 1 and hasattr(os, 'sched_setaffinity'):
@@ -92,12 +96,17 @@ def measure(style, threads, seconds):
     batch = {'scipy': 1, 'numpy': 1000, 'tetra': 8192}[style]
     many = starts(max(batch, 1000))
     method(many[:batch], setting)  # compiled, and the caches warm
-    done, begun, worked = 0, time.perf_counter(), time.process_time()
-    while (elapsed := time.perf_counter() - begun) < seconds:
-        first = done % len(many)
-        method(many[first:first + batch], setting)
-        done += batch
-    # On one core the processor's time counts, of which others on this machine take nothing.
-    worked = time.process_time() - worked
-    return {'trajectories/s': done / elapsed, 'trajectories/core s': done / worked,
-            'final error': error(setting), 'setting': setting}
+    final_error = error(setting)
+
+    def measure(seconds):
+        done, begun, worked = 0, time.perf_counter(), time.process_time()
+        while (elapsed := time.perf_counter() - begun) < seconds:
+            first = done % len(many)
+            method(many[first:first + batch], setting)
+            done += batch
+        # On one core the processor's time counts, of which others on this machine take nothing.
+        worked = time.process_time() - worked
+        return {'trajectories/s': done / elapsed, 'trajectories/core s': done / worked,
+                'final error': final_error, 'setting': setting}
+
+    return measure

@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-One measurement in a fresh process: a system to run, and one line of JSON about it.
+A system to measure, in a process of its own; ``tetra bench`` starts these.
 
-``tetra bench`` starts these. A style is ``tetra`` (the nodes of the formation), ``objects`` or
-``bytes`` (the baselines). What is only there to be measured from outside, an agent or a monitor
-of a baseline, or a bare node, prints an empty line when it is ready and runs until SIGINT.
+A style is ``tetra`` (the nodes of the formation), ``objects`` or ``bytes`` (the baselines). What
+is compared takes turns: such a process prints an empty line when it is ready, then reads from its
+standard input for how long [s] to run, runs, prints a line of JSON about it, and rests until the
+next. What is measured once prints its line and ends. What is only there to be measured from
+outside, an agent or a monitor of a baseline, or a bare node, prints an empty line when it is ready
+and runs until SIGINT.
 """
 
 import argparse
@@ -22,11 +25,8 @@ DISCOVERY_TIMEOUT = 60.0
 SETTLING_TIME = 0.5
 """How long to wait after everybody has been found: the other side may learn of it later [s]."""
 
-STALL_TIMEOUT = 2.0
-"""Without a step for this long [s], a baseline that has lost a message is begun anew."""
-
-GIVING_UP = 20.0
-"""Without a step for this long [s], nothing is measured."""
+TRIES = 5
+"""How often to begin a turn anew in which a baseline has stood still, as it lost a message."""
 
 ON_TIME = 0.25e-3
 """How late a step may be that counts as in time [s]."""
@@ -38,14 +38,29 @@ def _steady_clock():
     return Clock(clock_type=ClockType.STEADY_TIME)
 
 
+def take_turns(measure):
+    """Say that this is ready, and measure for as long as is asked for, as often as is asked."""
+    print(flush=True)
+    for line in sys.stdin:
+        print(json.dumps(measure(float(line))), flush=True)
+
+
 class Spinner:
-    """A context and an executor, and the nodes in it."""
+    """
+    A context and an executor, and the nodes in it.
+
+    The default executor is spun without time-outs and futures: it forgets what it was about to do
+    at every time-out, and makes a task of every turn that it waits for a future. The events
+    executor wants both.
+    """
 
     def __init__(self, make_executor, namespace):
         from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
         self.context = Context()
         self.context.init()
         self.executor = make_executor(context=self.context)
+        self._is_default = isinstance(self.executor, SingleThreadedExecutor)
         self.nodes = []
         self._kwargs = {'context': self.context, 'namespace': namespace}
 
@@ -89,60 +104,45 @@ class Spinner:
         end = time.monotonic() + SETTLING_TIME
         self.spin(lambda: time.monotonic() > end, DISCOVERY_TIMEOUT)
 
-    def sample(self, plant, count, seconds, warmup, restart=None, least=0):
+    def run_for(self, seconds, count, at_end):
         """
-        Return how much a count grew over some time, that time, and the processor's share [s].
+        Spin for some time, and return whether a count has still grown in the second half of it.
 
-        The executor does not look up while there is work: the samples are taken in a timer.
+        The executor does not look up while there is work, so that a timer has to look.
 
-        :param plant: the node that gets the timer
-        :param count: called without arguments, returns a number or an array
-        :param least: go on until the count has grown by this much
-        :param restart: called if nothing has happened for STALL_TIMEOUT
+        :param count: called without arguments, returns a number
+        :param at_end: called when the time is over; what is on its way is done after that
         """
         from rclpy.task import Future
         done = Future(executor=self.executor)
-        begun = time.perf_counter()
-        samples, alive, restarted = [], [begun, None], [begun]
+        counts = [count()]
 
         def on_timer():
-            now, value = time.perf_counter(), count()
-            if value != alive[1]:
-                alive[:] = now, value
-            elif now - alive[0] > GIVING_UP and not done.done():
-                done.set_exception(TimeoutError(f'no step for {GIVING_UP:g} s'))
-            elif restart is not None and now - max(alive[0], restarted[0]) > STALL_TIMEOUT:
-                restarted[0] = now
-                restart()
-            if not samples:
-                if now - begun >= warmup and value:
-                    print(flush=True)  # to whom it concerns
-                    samples.append((now, value, time.process_time()))
-            elif done.done():
-                pass
-            elif now - samples[0][0] >= seconds and value - samples[0][1] >= least:
-                samples.append((now, value, time.process_time()))
+            counts.append(count())
+            if len(counts) == 9:
+                at_end()
+            elif len(counts) == 10:
                 done.set_result(None)
 
-        timer = plant.create_timer(0.01, on_timer, clock=_steady_clock())
-        while not done.done():
-            self.executor.spin_until_future_complete(done, timeout_sec=0.1)
-        done.result()
-        plant.destroy_timer(timer)
-        (t0, a, c0), (t1, b, c1) = samples
-        return b - a, t1 - t0, c1 - c0
+        timer = self.nodes[0].create_timer(seconds / 8.0, on_timer, clock=_steady_clock())
+        self._spin_until(done)
+        self.nodes[0].destroy_timer(timer)
+        return counts[8] > counts[4]
 
     def serve(self):
         """Say that this is ready, and spin until SIGINT."""
         from rclpy.executors import ExternalShutdownException
+        from rclpy.task import Future
         print(flush=True)
-        try:
-            while self.context.ok():
-                self.spin(lambda: False, 0.5)
-        except (KeyboardInterrupt, ExternalShutdownException):
-            pass
-        except TimeoutError:
-            self.serve()
+        with suppress(KeyboardInterrupt, ExternalShutdownException):
+            self._spin_until(Future(executor=self.executor))
+
+    def _spin_until(self, future):
+        while not future.done() and self.context.ok():
+            if self._is_default:
+                self.executor.spin_once()
+            else:
+                self.executor.spin_until_future_complete(future, timeout_sec=0.1)
 
 
 def _overrides(**values):
@@ -170,12 +170,14 @@ def _classes(style):
         def steps(self):
             return self.time.steps
 
-        @property
-        def repetitions(self):
-            return self.time.repetitions
+        def resume(self):
+            if self.time.stamp:
+                self.time.pause(False)
+            else:
+                self.time.start()
 
-        def begin(self):
-            self.time.start()
+        def pause(self):
+            self.time.pause(True)
 
     def agent(i, n, **kwargs):
         return Agent(i, parameter_overrides=_overrides(topology__n=n), **kwargs)
@@ -184,73 +186,118 @@ def _classes(style):
 
 
 def rounds(arguments):
-    """Measure lockstep rounds per second: plant and agents in this process, or only the plant."""
+    """Lockstep rounds: plant and agents in this process, or only the plant."""
     n = arguments.n
     plant_type, agent_type, executor_type = _classes(arguments.style)
     spinner = Spinner(executor_type, arguments.namespace)
+    plant = spinner.add(plant_type, n)
     if not arguments.alone:
         for i in range(1, n + 1):
             spinner.add(agent_type, i, n)
-    plant = spinner.add(plant_type, n)
     spinner.discover(arguments.alone)
-    plant.begin()
-    restart = None if arguments.style == 'tetra' else plant.begin
-    count, elapsed, worked = spinner.sample(
-        plant, lambda: plant.steps, arguments.seconds, arguments.warmup, restart,
-        arguments.rounds)
-    # Measurements, commands, the state and the clock; the processor's time, of all threads.
+    take_turns(turn(spinner, plant, n, again=arguments.style != 'tetra'))
+
+
+def turn(spinner, plant, n, again=False):
+    """
+    Return a function that lets the rounds go on for some time, and says how many there were.
+
+    :param plant: what has ``steps``, ``resume`` and ``pause``
+    :param again: whether a turn in which the steps stood still is to be begun anew
+    """
+    # Measurements, commands, the state and the clock.
     messages = n * (n - 1) + n + 2
-    return {'rounds': count, 'rounds/s': count / elapsed, 'rounds/core s': count / worked,
-            'us/message': 1e6 * worked / (count * messages),
-            'repetitions': getattr(plant, 'repetitions', 0)}
+
+    def measure(seconds):
+        for _ in range(TRIES):
+            begun = plant.steps, time.perf_counter(), time.process_time()
+            ended = []
+
+            def end(ended=ended):
+                ended[:] = plant.steps, time.perf_counter(), time.process_time()
+                plant.pause()
+
+            plant.resume()
+            if spinner.run_for(seconds, lambda: plant.steps, end) or not again:
+                break
+        else:
+            raise TimeoutError(f'{TRIES} times in a row it stood still')
+        count, elapsed, worked = (b - a for a, b in zip(begun, ended))
+        # The processor's time is that of all threads.
+        return {'rounds': count, 'rounds/s': count / elapsed, 'rounds/core s': count / worked,
+                'us/message': 1e6 * worked / (count * messages)}
+
+    return measure
 
 
 def watched(arguments):
-    """Measure lockstep rounds per second with monitor and recorder, and count what is lost."""
+    """Lockstep rounds in one process with monitor and recorder; what is lost is counted."""
     import yaml
 
     from tetra_ros2.launcher import Launcher
+    n = arguments.n
     with tempfile.TemporaryDirectory() as directory:
         bag = Path(directory) / 'bag'
         with Launcher('complete', namespace=arguments.namespace, record=bag, seed=7,
-                      parameters={'topology.n': arguments.n}) as launcher:
-            plant, time_of = launcher.plant, launcher.plant.time
+                      parameters={'topology.n': n}) as launcher:
             spinner = Spinner.__new__(Spinner)
-            spinner.executor = launcher.executor
-            count, elapsed, worked = spinner.sample(
-                plant, lambda: time_of.steps, arguments.seconds, arguments.warmup)
-            time_of.run_until(time_of.stamp)
-
-            def expected():
-                sent = time_of.steps + 1 + time_of.repetitions
-                counts = {}
-                for topic in launcher.recorder.counts:
-                    name = topic.split('/', 2)[-1]
-                    if name.endswith('cmd_vel'):
-                        agent = launcher.agents[int(name.split('/')[0].split('_')[1])]
-                        counts[topic] = agent.answers + agent.partial_answers
-                    elif 'relative_attitude' in name or name == 'formation/attitudes':
-                        counts[topic] = sent
-                    elif name in ('formation/cosines', 'formation/error'):
-                        counts[topic] = time_of.steps + 1
-                return counts
+            spinner.executor, spinner.nodes = launcher.executor, launcher.nodes
+            spinner.context = launcher.executor.context
+            spinner._is_default = False
+            plant = LaunchedPlant(launcher.plant.time)
+            measure = turn(spinner, plant, n)
 
             def lost():
-                recorded = launcher.recorder.counts
-                return sum(abs(sent - recorded[topic]) for topic, sent in expected().items())
+                return _lost(launcher, n)
 
-            # The next repetition goes out while this looks: the counts meet in between.
-            with suppress(TimeoutError):
-                spinner.spin(lambda: not lost(), 5.0)
-            missing, topics = lost(), len(expected())
-            unseen = time_of.steps + 1 - launcher.monitor.observer.count
+            def measure_and_count(seconds):
+                figures = measure(seconds)
+                # The next repetition goes out while this looks: the counts meet in between.
+                with suppress(TimeoutError):
+                    spinner.spin(lambda: not lost(), 5.0)
+                return {**figures, 'lost': lost()}
+
+            take_turns(measure_and_count)
         metadata = yaml.safe_load((bag / 'metadata.yaml').read_text())
         on_disk = metadata['rosbag2_bagfile_information']['message_count']
-        counted = sum(launcher.recorder.counts.values())
-        complete = n_topics(arguments.n) == topics
-        return {'rounds': count, 'rounds/s': count / elapsed, 'recorded': on_disk,
-                'rounds/core s': count / worked,
-                'lost': missing + abs(unseen) + abs(counted - on_disk) if complete else counted}
+        if on_disk != (counted := sum(launcher.recorder.counts.values())):
+            raise RuntimeError(f'{counted} messages were recorded, {on_disk} are in the bag')
+
+
+class LaunchedPlant:
+    """The plant of a launcher as :func:`turn` wants it."""
+
+    def __init__(self, timekeeper):
+        self._time = timekeeper
+
+    @property
+    def steps(self):
+        return self._time.steps
+
+    def resume(self):
+        self._time.pause(False)
+
+    def pause(self):
+        self._time.pause(True)
+
+
+def _lost(launcher, n):
+    """Return how many messages monitor and recorder have missed, or recorded too often."""
+    recorded = launcher.recorder.counts
+    steps = launcher.plant.time.steps + 1
+    sent = {}
+    for topic in recorded:
+        name = topic.split('/', 2)[-1]
+        if name.endswith('cmd_vel'):
+            agent = launcher.agents[int(name.split('/')[0].split('_')[1])]
+            sent[topic] = agent.answers + agent.partial_answers
+        elif 'relative_attitude' in name or name == 'formation/attitudes':
+            sent[topic] = steps + launcher.plant.time.repetitions
+        elif name in ('formation/cosines', 'formation/error'):
+            sent[topic] = steps
+    missing = sum(abs(count - recorded[topic]) for topic, count in sent.items())
+    unheard = (n_topics(n) - len(sent)) * steps
+    return missing + unheard + abs(steps - launcher.monitor.observer.count)
 
 
 def n_topics(n):
@@ -284,13 +331,13 @@ def realtime(arguments):
         plant.publish = publish_and_note
     else:
         import baselines
-        plant_type, executor_type = baselines.ObjectRealTimePlant, baselines.OBJECTS[2]
-        spinner = Spinner(executor_type, arguments.namespace)
+        plant_type = baselines.REAL_TIME_PLANTS[arguments.style]
+        spinner = Spinner(_classes(arguments.style)[2], arguments.namespace)
         plant = spinner.add(plant_type, n, rate, note)
     spinner.discover(alone=True)
-    spinner.sample(plant, lambda: len(notes), 0.01, arguments.warmup)
+    spinner.run_for(arguments.warmup, lambda: len(notes), lambda: None)
     before = len(notes)
-    spinner.sample(plant, lambda: len(notes), arguments.seconds, 0.0)
+    spinner.run_for(arguments.seconds, lambda: len(notes), lambda: None)
     return judge(np.array(notes[before:]), n, rate)
 
 
@@ -394,13 +441,13 @@ def drift(arguments):
 
 
 def batch(arguments):
-    """Measure how many trajectories a second a method follows to a given final error."""
+    """Trajectories by a method, to a given final error."""
     import trajectories
-    return trajectories.measure(arguments.style, arguments.threads, arguments.seconds)
+    take_turns(trajectories.prepare(arguments.style, arguments.threads))
 
 
 def main():
-    """Run one measurement."""
+    """Be the system that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('system')
     parser.add_argument('style', nargs='?', default='tetra')
@@ -411,7 +458,6 @@ def main():
     parser.add_argument('--seconds', type=float, default=2.0)
     parser.add_argument('--warmup', type=float, default=0.5)
     parser.add_argument('--steps', type=int, default=1_000_000)
-    parser.add_argument('--rounds', type=int, default=0)
     parser.add_argument('--threads', type=int, default=1)
     parser.add_argument('--alone', action='store_true', help='the plant only')
     arguments = parser.parse_args()

@@ -4,12 +4,14 @@
 """
 The rows of ``tetra bench``, and how each figure in them is measured.
 
-Every figure comes from a fresh process, see ``benchmarks/worker.py``. What is compared runs in
-turns, A B A B, so that what else the machine does falls on both; the ratio is that of neighbours
-in time, and its median counts.
+Every system runs in processes of its own, see ``benchmarks/worker.py``. Those that are compared
+are there at the same time and take short turns, A B C A B C, while the others rest: whatever else
+the machine does falls on all of them. The ratio is that of neighbours in time, and its median
+counts.
 """
 
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
 from functools import partial
 import json
@@ -21,13 +23,18 @@ import signal
 import statistics
 import subprocess
 import sys
+import tempfile
+from threading import Timer
 import time
 
 TOP = Path(__file__).resolve().parents[2]
 WORKER = TOP / 'benchmarks' / 'worker.py'
 
 TIMEOUT = 60.0
-"""How much longer than its measurement a process may take [s]."""
+"""How much longer than its measurement a process may take, and how long to be ready [s]."""
+
+FAILURES = OSError, RuntimeError, subprocess.SubprocessError, TimeoutError, ValueError
+"""What a measurement may fail with; the others go on."""
 
 OTHERS = "others' cores"
 """The field that says how many cores other people's processes used meanwhile."""
@@ -35,11 +42,17 @@ OTHERS = "others' cores"
 ON_TIME, FRESH, OLDEST = 0.99, 0.99, 10
 """What real time is to hold: shares of steps and of commands, and an age in steps."""
 
-LADDER = (500, 1000, 2000, 3000, 4000, 5000, 6000)
-"""The rates [Hz] that are tried, from 2 kHz upwards for as long as they hold."""
+LADDER = (1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000)
+"""The rates [Hz] that are tried, upwards for as long as they hold."""
 
-OBJECTS_LADDER = (2000, 1000, 500, 250, 100)
+OBJECTS_LADDER = (1000, 500, 250, 100)
 """The same for the default executor, downwards until one holds."""
+
+PRIORITY = ('chrt', '--fifo', '20')
+"""How a process is given priority in real time: README.md tells its users to do the same."""
+
+DOMAINS = 100
+"""How many ROS domains there are to be had beside each other on any Linux."""
 
 
 @dataclass(frozen=True)
@@ -47,23 +60,23 @@ class Scale:
     """
     How much to measure.
 
-    :param seconds: of each measurement
-    :param repeats: of each pair
+    :param seconds: of each turn
+    :param repeats: how many turns
     :param realtime: length of the run in real time [s]
     :param steps: of the plant, for its drift
     :param rounds: over which the memory of an agent is to stay
     :param budget: after which nothing more is repeated, though everything is measured once [s]
     """
 
-    seconds: float = 1.5
-    repeats: int = 5
-    realtime: float = 10.0
-    steps: int = 1_000_000
+    seconds: float = 0.25
+    repeats: int = 40
+    realtime: float = 60.0
+    steps: int = 10_000_000
     rounds: int = 20_000
     budget: float = 270.0
 
 
-THOROUGH = Scale(5.0, 9, 60.0, 10_000_000, 1_000_000, math.inf)
+THOROUGH = Scale(0.25, 200, 60.0, 10_000_000, 1_000_000, math.inf)
 
 
 @dataclass(frozen=True)
@@ -72,13 +85,23 @@ class System:
     Something that can be measured.
 
     :param name: for people
-    :param measure: called with a :class:`Bench`, returns a mapping of figures
+    :param start: called with a :class:`Bench`, returns a context manager that has the system
+        running and gives a function without arguments that measures it and returns a mapping of
+        figures
     :param most: how often to measure it, however many repeats are wanted
     """
 
     name: str
-    measure: object
-    most: int = 1000
+    start: object
+    most: int = 1_000_000
+
+
+def once(name, measure, most=1):
+    """Return a :class:`System` that is started for each measurement, ``measure(bench)``."""
+    @contextmanager
+    def start(bench):
+        yield partial(measure, bench)
+    return System(name, start, most)
 
 
 @dataclass(frozen=True)
@@ -95,6 +118,7 @@ class Row:
     :param at_least: what the median must reach
     :param at_most: what it must not exceed
     :param difference: whether to compare by difference instead of by ratio
+    :param judge: which of the values counts, the median where it is not given
     """
 
     name: str
@@ -106,6 +130,7 @@ class Row:
     at_least: float | None = None
     at_most: float | None = None
     difference: bool = False
+    judge: object = statistics.median
 
     @property
     def target(self):
@@ -132,7 +157,7 @@ class Row:
             'name': self.name, 'work': self.work, 'against': self.against, 'unit': self.unit,
             'target': self.target, 'measured': sides[0],
             'reference': sides[1] if len(sides) == 2 else None, 'values': values,
-            'median': statistics.median(values) if values else None,
+            'median': self.judge(values) if values else None,
             'spread': [min(values), max(values)] if values else None,
             'details': {s.name: figures[s] for s in self.systems},
         }
@@ -158,20 +183,20 @@ def all_rows():
     """Return all rows, those that share a system next to each other."""
     one = {style: System(f'{style}, one process', partial(Bench.rounds, style=style))
            for style in ('tetra', 'objects', 'bytes')}
-    many = {n: System(f'tetra, n = {n}', partial(Bench.rounds, n=n), most=3 if n < 32 else 2)
-            for n in (4, 8, 16, 32)}
-    six = {style: System(f'{style}, six processes', partial(Bench.six, style=style), most=3)
+    many = {n: System(f'tetra, n = {n}', partial(Bench.rounds, n=n)) for n in (4, 8, 16, 32)}
+    six = {style: System(f'{style}, six processes', partial(Bench.six, style=style))
            for style in ('tetra', 'bytes')}
     watched = System('tetra with monitor and recorder', Bench.watched)
-    real = System('tetra, real time', Bench.realtime, most=1)
-    highest = System('tetra, highest rate', Bench.highest, most=1)
-    objects = System('objects, highest rate', partial(Bench.highest, style='objects'), most=1)
-    batch = {key: System(f'batch, {key}', partial(Bench.batch, style=style, threads=threads),
-                         most=3)
+    real = once('tetra, real time', Bench.realtime)
+    highest = {style: once(f'{style}, highest rate', partial(Bench.highest, style=style))
+               for style in ('tetra', 'bytes', 'objects')}
+    fair = once('tetra, highest rate, no priority', partial(Bench.highest, priority=()))
+    batch = {key: System(f'batch, {key}', partial(Bench.batch, style=style, threads=threads))
              for key, style, threads in (('one core', 'tetra', 1), ('two cores', 'tetra', 2),
                                          ('SciPy', 'scipy', 1), ('numpy', 'numpy', 1))}
-    memory = System('memory of an agent', Bench.agent_memory, most=1)
-    bare = System('memory of a bare node', Bench.bare_memory, most=1)
+    twice = System('batch, two processes', Bench.two_processes)
+    memory = once('memory of an agent', Bench.agent_memory)
+    bare = once('memory of a bare node', Bench.bare_memory)
     per_core = 'trajectories/core s'
     rounds, lockstep = 'rounds/s', 'lockstep rounds/s, n = 4, one process'
     return (
@@ -182,7 +207,7 @@ def all_rows():
         Row('watched', 'the same, monitor and recorder running', 'without them',
             (watched, one['tetra']), rounds, '1/s', at_least=0.5),
         Row('lost', 'messages that monitor or recorder missed', '', (watched,), 'lost',
-            at_most=0),
+            at_most=0, judge=max),
         Row('processes', 'lockstep rounds/s, n = 4, six processes',
             'the same six without mathematics', (six['tetra'], six['bytes']), rounds, '1/s',
             at_least=0.7),
@@ -193,7 +218,12 @@ def all_rows():
         Row('oldest', 'oldest command applied, same run', '', (real,), 'oldest [steps]',
             'steps', at_most=OLDEST),
         Row('highest', 'highest rate that holds these three',
-            'default executor, message objects', (highest, objects), 'rate', 'Hz'),
+            'default executor, message objects', (highest['tetra'], highest['objects']), 'rate',
+            'Hz'),
+        Row('highest-ceiling', 'the same', 'events executor, raw bytes, no mathematics',
+            (highest['tetra'], highest['bytes']), 'rate', 'Hz'),
+        Row('highest-fair', 'the same without priority', 'with it', (fair, highest['tetra']),
+            'rate', 'Hz'),
         *(Row(f'n{n}', f'processor time per message, n = {n}, one process', 'n = 4',
               (many[n], many[4]), 'us/message', 'us', at_most=1.5) for n in (8, 16, 32)),
         Row('scipy', 'trajectories/s to a final error of 1e-6, one core',
@@ -203,21 +233,23 @@ def all_rows():
             per_core, '1/s', at_least=10.0),
         Row('cores', 'the same on two cores', 'one core', (batch['two cores'],
             batch['one core']), 'trajectories/s', '1/s', at_least=1.8),
+        Row('machine', 'two processes of one core each, what the machine has', 'one core',
+            (twice, batch['one core']), 'trajectories/s', '1/s'),
         Row('drift', "plant: largest entry of R'R - 1 after many steps", '0',
-            (System('drift', Bench.drift, most=1),), 'drift', at_most=1e-12),
+            (once('drift', Bench.drift),), 'drift', at_most=1e-12),
         Row('memory', 'memory of an agent process', 'a bare rclpy node', (memory, bare), 'MB',
             'MB', at_most=10.0, difference=True),
         Row('growth', 'growth of that in lockstep', '0', (memory,), 'growth [MB]', 'MB',
             at_most=1.0),
-        Row('help', 'tetra --help', '', (System('help', Bench.help),), 's', 's', at_most=0.4),
+        Row('help', 'tetra --help', '', (once('help', Bench.help, 5),), 's', 's', at_most=0.4),
         Row('start', 'launcher: from start to first command', '',
-            (System('start', Bench.start, most=3),), 's', 's', at_most=2.0),
+            (once('start', Bench.start, 3),), 's', 's', at_most=2.0),
     )
 
 
 class Bench:
     """
-    The measurements; each method is one, in fresh processes.
+    The measurements.
 
     :param scale: a :class:`Scale`
     """
@@ -225,6 +257,7 @@ class Bench:
     def __init__(self, scale):
         self.scale = scale
         self._runs = 0
+        self._processes = []
         self._environment = {
             **os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
             'PYTHONPATH': os.pathsep.join(
@@ -236,17 +269,12 @@ class Bench:
         end = time.monotonic() + self.scale.budget
         groups = _groups(rows)
         figures = [{system: [] for row in group for system in row.systems} for group in groups]
-        # What makes no pair comes first, so that what is left of the budget goes to repetition.
-        for group in sorted(figures, key=lambda group: self._turns(group) > 1):
-            begun, turns = time.monotonic(), self._turns(group)
+        # What is not repeated comes first, so that what is left of the budget goes to repetition.
+        for group in sorted(figures, key=self._turns):
+            turns = self._turns(group)
             others = sum(self._turns(g) for g in figures if not any(g.values())) - turns
-            share = (end - begun) * turns / (turns + others)
-            for turn in range(turns):
-                if turn and (time.monotonic() - begun) * (turn + 1) / turn > share:
-                    break
-                for system, found in group.items():
-                    if turn < system.most:
-                        found.append(self._measure(system))
+            begun = time.monotonic()
+            self._take_turns(group, turns, begun + (end - begun) * turns / (turns + others))
         for group, found in zip(groups, figures):
             for row in group:
                 results[row.name] = row.conclude(found)
@@ -255,180 +283,250 @@ class Bench:
     def _turns(self, systems):
         return min(self.scale.repeats, max(system.most for system in systems))
 
-    def _measure(self, system):
-        _show(f'{system.name} ...')
-        begun, busy, own = time.monotonic(), _busy(), _children()
-        try:
-            figures = system.measure(self)
-            others = (_busy() - busy) - (_children() - own)
-            return {**figures, OTHERS: max(others / (time.monotonic() - begun), 0.0)}
-        except (subprocess.SubprocessError, TimeoutError, RuntimeError, ValueError) as error:
-            _show('')
-            print(f'tetra: {system.name} could not be measured: {error}', file=sys.stderr)
-            return None
-        finally:
-            _show('')
-
-    def _namespace(self):
-        # Of its own for each measurement: DDS takes a while to forget a process that has ended.
-        self._runs += 1
-        return f'bench_{os.getpid()}_{self._runs}'
-
-    def _popen(self, command, **kwargs):
-        return subprocess.Popen(
-            [sys.executable, *map(str, command)], env=self._environment, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, **kwargs)
-
-    def _worker(self, *arguments, seconds=0.0):
-        """Return what ``benchmarks/worker.py`` measures."""
-        process = self._popen((WORKER, *arguments))
-        return self._result(process, TIMEOUT + 10.0 * seconds)
-
-    def _result(self, process, timeout):
-        try:
-            output, errors = process.communicate(timeout=timeout)
-        except BaseException:
-            process.kill()
-            process.communicate()
-            raise
-        if process.returncode or not output.strip():
-            lines = errors.strip().splitlines() or ['it said nothing']
-            raise RuntimeError(f'exit status {process.returncode}: {lines[-1]}')
-        return json.loads(output.strip().splitlines()[-1])
+    def _take_turns(self, systems, turns, end):
+        """Start systems, and measure them one after the other, again and again."""
+        with ExitStack() as running:
+            measures = {system: running.enter_context(self._running(system, found))
+                        for system, found in systems.items()}
+            begun = time.monotonic()
+            for turn in range(turns):
+                left = end - time.monotonic()
+                if turn and left < (time.monotonic() - begun) / turn:
+                    break
+                for system, found in systems.items():
+                    if turn < system.most and measures[system] is not None:
+                        found.append(self._measure(system, measures[system]))
 
     @contextmanager
-    def _others(self, *commands):
-        """Run processes meanwhile, and end them as Ctrl-C does."""
-        processes = []
+    def _running(self, system, found):
+        """Have a system running; among what was found is a None if it does not start or end."""
+        _show(f'{system.name} ...')
+        with ExitStack() as stack:
+            measure = None
+            try:
+                measure = stack.enter_context(system.start(self))
+            except FAILURES as error:
+                _tell(system, error)
+                found.append(None)
+            yield measure
+            try:
+                stack.close()
+            except FAILURES as error:
+                _tell(system, error)
+                found.append(None)
+
+    def _measure(self, system, measure):
+        _show(f'{system.name} ...')
+        begun, busy, own = time.monotonic(), _busy(), self._worked()
         try:
-            for command in commands:
-                # Nobody reads their output meanwhile, and a full pipe would stop them.
-                processes.append(subprocess.Popen(
-                    [sys.executable, *map(str, command)], env=self._environment,
-                    stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
-            yield processes
-        finally:
-            for process in processes:
-                process.send_signal(signal.SIGINT)
-            for process in processes:
+            figures = measure()
+        except FAILURES as error:
+            _tell(system, error)
+            return None
+        others = (_busy() - busy) - (self._worked() - own)
+        _show('')
+        return {**figures, OTHERS: max(others / (time.monotonic() - begun), 0.0)}
+
+    def _place(self):
+        """Return arguments and environment that keep a system to itself, beside all others."""
+        self._runs += 1
+        # DDS takes a while to forget a process that has ended: the namespace is new as well.
+        domain = (int(os.environ.get('ROS_DOMAIN_ID') or 0) + self._runs) % DOMAINS
+        return (('--namespace', f'bench_{os.getpid()}_{self._runs}'),
+                {**self._environment, 'ROS_DOMAIN_ID': str(domain)})
+
+    @contextmanager
+    def _process(self, command, environment, **kwargs):
+        """Run Python with some arguments meanwhile, and end it as Ctrl-C does."""
+        with tempfile.TemporaryFile('w+') as errors:
+            process = subprocess.Popen(
+                [*kwargs.pop('prefix', ()), sys.executable, *map(str, command)], env=environment,
+                text=True, stderr=errors,
+                **{'stdin': subprocess.DEVNULL, 'stdout': subprocess.DEVNULL, **kwargs})
+            process.errors = errors
+            self._processes.append(process)
+            try:
+                yield process
+            finally:
+                if process.stdin is not None:
+                    process.stdin.close()
+                else:
+                    process.send_signal(signal.SIGINT)
                 try:
                     process.wait(10.0)
                 except subprocess.TimeoutExpired:
                     process.kill()
                     process.wait()
+                self._processes.remove(process)
 
-    def _five(self, style, namespace):
-        """Return the commands of four agents and the monitor."""
+    @contextmanager
+    def _worker(self, *arguments, environment=None, prefix=()):
+        """
+        Run ``benchmarks/worker.py`` meanwhile.
+
+        It gives a function that hands it a line, if there is one to be handed, and returns its
+        answer: a mapping, or None for an empty line.
+        """
+        command = (WORKER, *arguments)
+        with self._process(command, environment or self._environment, prefix=prefix,
+                           stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+            def answer(line=None, timeout=TIMEOUT):
+                watchdog = Timer(timeout, process.kill)
+                watchdog.start()
+                try:
+                    if line is not None:
+                        process.stdin.write(f'{line}\n')
+                        process.stdin.flush()
+                    reply = process.stdout.readline()
+                finally:
+                    watchdog.cancel()
+                if not reply:
+                    raise RuntimeError(_last_words(process))
+                return json.loads(reply) if reply.strip() else None
+
+            answer.process = process
+            yield answer
+        if process.returncode:
+            raise RuntimeError(_last_words(process))
+
+    @contextmanager
+    def _contestant(self, *arguments, environment=None):
+        """Run a worker that takes turns; it gives a function that measures for one turn."""
+        with self._worker(*arguments, environment=environment) as answer:
+            answer()  # that it is ready
+            yield partial(answer, self.scale.seconds, TIMEOUT + 10.0 * self.scale.seconds)
+
+    @contextmanager
+    def _five(self, style, namespace, environment, prefix=()):
+        """Run four agents and the monitor meanwhile, in processes of their own."""
         if style == 'tetra':
-            common = ('--config', 'complete', '--namespace', namespace)
-            return [*(('-m', 'tetra_ros2', 'agent', '--id', i, *common) for i in range(1, 5)),
-                    ('-m', 'tetra_ros2', 'monitor', *common)]
-        common = (style, '--namespace', namespace)
-        return [*((WORKER, 'agent', *common, '--id', i) for i in range(1, 5)),
-                (WORKER, 'monitor', 'bytes', '--namespace', namespace)]
+            common = ('--config', 'complete', *namespace)
+            agents = [('-m', 'tetra_ros2', 'agent', '--id', i, *common) for i in range(1, 5)]
+            monitor = ('-m', 'tetra_ros2', 'monitor', *common)
+        else:
+            agents = [(WORKER, 'agent', style, *namespace, '--id', i) for i in range(1, 5)]
+            monitor = (WORKER, 'monitor', 'bytes', *namespace)
+        with ExitStack() as stack:
+            processes = [stack.enter_context(self._process(agent, environment, prefix=prefix))
+                         for agent in agents]
+            # Nobody's time depends on the monitor's.
+            stack.enter_context(self._process(monitor, environment))
+            yield processes
 
     def rounds(self, style='tetra', n=4):
         """Lockstep in one process."""
-        seconds = self.scale.seconds
-        # A thousand topics go on finding each other for a while after the first round.
-        return self._worker('rounds', style, '--n', n, '--seconds', seconds, '--warmup', n / 10,
-                            '--namespace', self._namespace(), seconds=seconds)
+        namespace, environment = self._place()
+        return self._contestant('rounds', style, '--n', n, *namespace, environment=environment)
 
     def watched(self):
         """Lockstep in one process, with monitor and recorder."""
-        seconds = self.scale.seconds
-        return self._worker('watched', '--seconds', seconds, '--namespace', self._namespace(),
-                            seconds=seconds)
+        namespace, environment = self._place()
+        return self._contestant('watched', *namespace, environment=environment)
 
+    @contextmanager
     def six(self, style):
         """Lockstep in six processes."""
-        namespace = self._namespace()
-        seconds = self.scale.seconds
-        with self._others(*self._five(style, namespace)):
-            return self._worker('rounds', style, '--alone', '--seconds', seconds,
-                                '--namespace', namespace, seconds=seconds)
+        namespace, environment = self._place()
+        with self._five(style, namespace, environment), self._contestant(
+                'rounds', style, '--alone', *namespace, environment=environment) as measure:
+            yield measure
 
-    def realtime(self, style='tetra', rate=2000, seconds=None):
+    def realtime(self, style='tetra', rate=2000, seconds=None, priority=PRIORITY):
         """Real time in six processes."""
-        namespace = self._namespace()
+        namespace, environment = self._place()
         seconds = seconds or self.scale.realtime
-        with self._others(*self._five(style, namespace)):
-            return self._worker('realtime', style, '--rate', rate, '--seconds', seconds,
-                                '--warmup', 1.0, '--namespace', namespace, seconds=seconds)
+        if priority and subprocess.run(
+                [*priority, 'true'], stderr=subprocess.DEVNULL, check=False).returncode:
+            raise RuntimeError(f'`{" ".join(priority)}` is not permitted')
+        with self._five(style, namespace, environment, priority), self._worker(
+                'realtime', style, '--rate', rate, '--seconds', seconds, '--warmup', 1.0,
+                *namespace, environment=environment, prefix=priority) as answer:
+            return answer(timeout=TIMEOUT + 10.0 * seconds)
 
-    def highest(self, style='tetra'):
+    def highest(self, style='tetra', priority=PRIORITY):
         """Look for the highest rate that is held in real time."""
-        seconds = min(2.0 * self.scale.seconds, 10.0)
         rungs, best = [], 0
-        for rate in LADDER[2:] if style == 'tetra' else OBJECTS_LADDER:
-            holds = self._climb(style, rate, seconds, rungs)
-            if not holds and style == 'tetra' and len(rungs) == len({r['rate'] for r in rungs}):
+        upwards = style != 'objects'
+        for rate in LADDER if upwards else OBJECTS_LADDER:
+            holds = self._climb(style, rate, rungs, priority)
+            if not holds and upwards:
                 # Once, as a neighbour's burst is not the system's limit.
-                holds = self._climb(style, rate, seconds, rungs)
+                holds = self._climb(style, rate, rungs, priority)
             if holds:
                 best = rate
-            if holds != (style == 'tetra'):
+            if holds != upwards:
                 break
         return {'rate': best, 'rungs': rungs}
 
-    def _climb(self, style, rate, seconds, rungs):
-        rungs.append({'rate': rate, **self.realtime(style, rate, seconds)})
+    def _climb(self, style, rate, rungs, priority):
+        seconds = min(8.0 * self.scale.seconds, self.scale.realtime)
+        rungs.append({'rate': rate, **self.realtime(style, rate, seconds, priority)})
         return _holds(rungs[-1])
 
     def batch(self, style, threads):
         """Trajectories."""
-        seconds = self.scale.seconds
-        return self._worker('batch', style, '--threads', threads, '--seconds', seconds,
-                            seconds=seconds)
+        return self._contestant('batch', style, '--threads', threads)
+
+    @contextmanager
+    def two_processes(self):
+        """Trajectories in two processes that know nothing of each other."""
+        with self.batch('tetra', 1) as first, self.batch('tetra', 1) as second, \
+                ThreadPoolExecutor(2) as threads:
+            def measure():
+                both = [f.result() for f in [threads.submit(first), threads.submit(second)]]
+                return {'trajectories/s': sum(f['trajectories/s'] for f in both)}
+            yield measure
 
     def drift(self):
         """Many steps of a rigid body."""
         steps = self.scale.steps
-        return self._worker('drift', '--steps', steps, seconds=steps * 1e-5)
+        with self._worker('drift', '--steps', steps) as answer:
+            return answer(timeout=TIMEOUT + steps * 1e-5)
 
     def agent_memory(self):
         """Watch an agent's process in lockstep, six processes, and how it grows."""
-        namespace = self._namespace()
-        with self._others(*self._five('tetra', namespace)) as others:
-            plant = self._popen((WORKER, 'rounds', 'tetra', '--alone', '--namespace', namespace,
-                                 '--warmup', 1.0, '--seconds', 0.0,
-                                 '--rounds', self.scale.rounds))
-            plant.stdout.readline()  # when it begins to count
-            sizes = [_resident(others[0].pid)]
-            while plant.poll() is None:
-                sizes.append(_resident(others[0].pid))
-                time.sleep(0.2)
-            result = self._result(plant, TIMEOUT)
-        return {'MB': sizes[-1], 'growth [MB]': sizes[-1] - sizes[0],
-                'rounds': result['rounds']}
+        namespace, environment = self._place()
+        with self._five('tetra', namespace, environment) as agents, self._contestant(
+                'rounds', 'tetra', '--alone', *namespace, environment=environment) as measure:
+            measure()
+            begin, rounds = _resident(agents[0].pid), 0
+            while rounds < self.scale.rounds:
+                rounds += measure()['rounds']
+            end = _resident(agents[0].pid)
+        return {'MB': end, 'growth [MB]': end - begin, 'rounds': rounds}
 
     def bare_memory(self):
         """Look at a node that does nothing."""
-        process = self._popen((WORKER, 'bare', '--namespace', self._namespace()))
-        try:
-            process.stdout.readline()
+        namespace, environment = self._place()
+        with self._worker('bare', *namespace, environment=environment) as answer:
+            answer()
             time.sleep(1.0)
-            return {'MB': _resident(process.pid)}
-        finally:
-            process.send_signal(signal.SIGINT)
-            process.communicate()
+            size = _resident(answer.process.pid)
+            answer.process.send_signal(signal.SIGINT)
+        return {'MB': size}
 
     def help(self):
         """Time ``tetra --help``."""
         begun = time.monotonic()
-        process = self._popen(('-m', 'tetra_ros2', '--help'))
-        process.communicate(timeout=TIMEOUT)
-        return {'s': time.monotonic() - begun}
+        with self._process(('-m', 'tetra_ros2', '--help'), self._environment) as process:
+            process.wait(TIMEOUT)
+            return {'s': time.monotonic() - begun}
 
     def start(self):
         """Time the launcher until its first command, as somebody else hears it."""
-        namespace = self._namespace()
-        watch = self._popen((WORKER, 'first_command', '--namespace', namespace))
-        watch.stdout.readline()
-        begun = time.monotonic()
-        with self._others(('-m', 'tetra_ros2', 'launcher', '--namespace', namespace, '--quiet',
-                           '--duration', '1e6')):
-            return {'s': self._result(watch, TIMEOUT)['at'] - begun}
+        namespace, environment = self._place()
+        launcher = ('-m', 'tetra_ros2', 'launcher', *namespace, '--quiet', '--duration', '1e6')
+        with self._worker('first_command', *namespace, environment=environment) as answer:
+            answer()
+            begun = time.monotonic()
+            with self._process(launcher, environment):
+                return {'s': answer()['at'] - begun}
+
+    def _worked(self):
+        """Return the processor time of this process's children [s]."""
+        ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return ended.ru_utime + ended.ru_stime + sum(
+            _processor_time(process.pid) for process in self._processes)
 
 
 def _groups(rows):
@@ -460,10 +558,27 @@ def _busy():
     return sum(int(t) for k, t in enumerate(times) if k not in idle) / os.sysconf('SC_CLK_TCK')
 
 
-def _children():
-    """Return the processor time of this process's children that have ended [s]."""
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime
+def _processor_time(pid):
+    """Return the processor time of a process [s]."""
+    try:
+        fields = Path(f'/proc/{pid}/stat').read_text(encoding='utf-8').rpartition(')')[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def _last_words(process):
+    """Return why a process has ended."""
+    process.wait(10.0)
+    process.errors.seek(0)
+    lines = process.errors.read().strip().splitlines() or ['it said nothing']
+    return f'exit status {process.returncode}: {lines[-1]}'
+
+
+def _tell(system, error):
+    """Say that something could not be measured."""
+    _show('')
+    print(f'tetra: {system.name} could not be measured: {error}', file=sys.stderr)
 
 
 def _resident(pid):
