@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from strategies import any_gain, assert_close, formations, unit_vectors
+from strategies import any_gain, assert_close, formations, tangents, unit_vectors
 
 from tetra_ros2.formation import law
 from tetra_ros2.formation.checks import Rejected
@@ -241,3 +241,21 @@ def test_an_agent_that_sees_nobody_does_not_move():
 def test_a_neighbor_straight_ahead_or_behind_moves_nobody(seen):
     controller = Controller(AXIS, (1.0,), GAIN)
     assert_close(controller.receive(0, 1, seen, 0.0), (0.0, 0.0, 0.0), atol=1e-15)
+
+
+@given(tangents(), any_gain(), st.sampled_from([1.0, -1.0]), st.integers(1, 15))
+def test_close_to_an_axis_or_its_antipode_no_digit_is_lost(tangent, gain, side, digits):
+    axis, direction = tangent
+    seen = side * axis + 10.0**-digits * direction
+    seen /= np.linalg.norm(seen)
+    expected = law.angular_velocity(
+        np.array([axis]), np.array([[seen]]), np.array([[1.0]]), gain)[0]
+    command = Controller(axis, (1.0,), gain).receive(0, 1, tuple(seen.tolist()), 0.0)
+    assert_close(command, expected, atol=1e-15 * gain.f(0.0))
+
+
+@given(unit_vectors(), any_gain(), st.sampled_from([1.0, -1.0]), st.floats(-9e-4, 9e-4))
+def test_a_measurement_that_is_not_quite_a_unit_vector_is_no_error(axis, gain, side, excess):
+    seen = side * (1.0 + excess) * axis
+    command = Controller(axis, (1.0,), gain).receive(0, 1, tuple(seen.tolist()), 0.0)
+    assert_close(command, (0.0, 0.0, 0.0), atol=1e-15 * gain.f(0.0))

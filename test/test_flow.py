@@ -55,6 +55,6 @@ def test_what_is_not_a_number_ends():
 
 def test_threads_change_nothing():
     topology, gain = CASES[0]
-    gamma = starts(3 * flow.LANES * flow.BLOCKS + 1)
+    gamma = starts(3 * flow.TASK + 1)
     alone = flow.run(gamma, topology.weights, gain, 1.0, 1e-6)
     assert np.array_equal(alone, flow.run(gamma, topology.weights, gain, 1.0, 1e-6, threads=2))

@@ -40,6 +40,12 @@ def test_an_agent_and_an_array_evaluate_the_same_function(gain, theta):
         assert isinstance(method(theta, math), float)
 
 
+@given(any_gain(), st.floats(-1.0, 1.0))
+def test_one_cosine_is_evaluated_as_many_are(gain, cosine):
+    assert gain.of_one_cosine(cosine) == pytest.approx(
+        gain.of_cosine(np.array([cosine]))[0], rel=1e-14)
+
+
 @given(any_gain(), st.floats(0.1, 10.0))
 def test_a_is_the_amplitude(gain, factor):
     louder = dataclasses.replace(gain, a=factor * gain.a)

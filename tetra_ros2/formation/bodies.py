@@ -23,7 +23,7 @@ class RigidBodies:
         self._matrices = [None] * len(self.axes)  # columns of R_i, nine numbers
         self.reduced = [None] * len(self.axes)  # Gamma_i = R_i b_i
         for i in range(len(self.axes)):
-            self._refresh(i)
+            self._refresh(i, *self.attitudes[i])
 
     def step(self, h, rates):
         """
@@ -54,11 +54,10 @@ class RigidBodies:
                 scale = 1.0 - 0.5 * excess
                 x, y, z, w = scale * x, scale * y, scale * z, scale * w
             self.attitudes[i] = (x, y, z, w)
-            self._refresh(i)
+            self._refresh(i, x, y, z, w)
 
-    def _refresh(self, i):
-        """Recompute what follows from the attitude of body i (counted from 0)."""
-        x, y, z, w = self.attitudes[i]
+    def _refresh(self, i, x, y, z, w):
+        """Recompute what follows from the attitude of body i, counted from 0."""
         x2, y2, z2 = x + x, y + y, z + z
         xx, yy, zz = x * x2, y * y2, z * z2
         xy, xz, yz = x * y2, x * z2, y * z2

@@ -22,6 +22,7 @@ class Controller:
     :param axis: the agent's pointing axis b_i in its body frame, a unit vector (x, y, z)
     :param weights: W(i, j) for each neighbour; a neighbour's index here is its *slot* below
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`; may be replaced at any time
+    :ivar received: how many measurements were taken
     """
 
     def __init__(self, axis, weights, gain):
@@ -29,6 +30,7 @@ class Controller:
         self.weights = tuple(weights)
         self.gain = gain
         self.stamp = 0  # of the newest measurement seen [ns]
+        self.received = 0
         self.heard_at = [NEVER] * len(self.weights)
         self._seen = [None] * len(self.weights)
         self._stamps = [0] * len(self.weights)
@@ -55,6 +57,7 @@ class Controller:
         self._seen[slot] = seen
         self._stamps[slot] = stamp
         self.heard_at[slot] = now
+        self.received += 1
         if stamp != self.stamp:
             if stamp < self.stamp:
                 return None  # late: the others are already in a newer round
@@ -73,18 +76,19 @@ class Controller:
         It takes the newest measurement of each neighbour, all of which must have been seen.
         """
         bx, by, bz = self.axis
-        f = self.gain.f
-        wx = wy = wz = 0.0
-        for weight, (x, y, z) in zip(self.weights, self._seen):
-            cx = by * z - bz * y
-            cy = bz * x - bx * z
-            cz = bx * y - by * x
-            theta = math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), bx * x + by * y + bz * z)
-            rate = weight * f(theta, math)
-            wx -= rate * cx
-            wy -= rate * cy
-            wz -= rate * cz
-        return wx, wy, wz
+        f = self.gain.of_one_cosine
+        # The sum comes before the product, which is linear. Where the cosine tells little of
+        # theta, near 0 and pi, the product is as small as the error of theta: nothing is lost.
+        x = y = z = 0.0
+        for weight, (u, v, w) in zip(self.weights, self._seen):
+            cosine = bx * u + by * v + bz * w
+            if not -1.0 <= cosine <= 1.0:  # by rounding, or as a measurement is not quite a unit
+                cosine = math.copysign(1.0, cosine)
+            rate = weight * f(cosine)
+            x += rate * u
+            y += rate * v
+            z += rate * w
+        return y * bz - z * by, z * bx - x * bz, x * by - y * bx
 
     @property
     def complete(self):

@@ -25,8 +25,8 @@ GainParameters = namedtuple('GainParameters', ('a', 'b'))
 LANES = 8
 """Starts in a block: what the stages of so many take fits into the cache nearest to a core."""
 
-BLOCKS = 32
-"""Blocks in a thread's task: some milliseconds."""
+TASK = 16 * LANES
+"""Starts in a thread's task: some milliseconds."""
 
 # For each stage, then for the step and its two error estimates: earlier stages and their factors.
 STAGES = (
@@ -80,19 +80,27 @@ def run(gamma, weights, gain, duration, tolerance, threads=1):
     weights = np.array(weights, dtype=float)
     m, n, _ = gamma.shape
     kernel = _kernel(type(gain), n)
-    # The last block is filled up with copies of its last start.
-    lanes = np.minimum(np.arange(-(-m // LANES) * LANES), m - 1)
-    blocks = np.ascontiguousarray(
-        gamma[lanes].reshape(-1, LANES, n, 3).transpose(0, 2, 3, 1))
     arguments = weights, GainParameters(gain.a, gain.b), duration, tolerance
-    kernel(blocks[:0], *arguments)  # it compiles here, once, and not in every thread
-    if threads == 1:
+    end = np.empty((m, n, 3))
+
+    def follow(first):
+        starts = gamma[first:first + TASK]
+        # The last block is filled up with copies of its last start.
+        lanes = np.minimum(np.arange(-(-len(starts) // LANES) * LANES), len(starts) - 1)
+        blocks = np.ascontiguousarray(
+            starts[lanes].reshape(-1, LANES, n, 3).transpose(0, 2, 3, 1))
         kernel(blocks, *arguments)
+        end[first:first + TASK] = blocks.transpose(0, 3, 1, 2).reshape(-1, n, 3)[:len(starts)]
+
+    tasks = range(0, m, TASK)
+    if threads == 1:
+        for first in tasks:
+            follow(first)
     else:
+        kernel(np.empty((0, n, 3, LANES)), *arguments)  # it compiles here, once, in no thread
         with ThreadPoolExecutor(threads) as executor:
-            list(executor.map(lambda first: kernel(blocks[first:first + BLOCKS], *arguments),
-                              range(0, len(blocks), BLOCKS)))
-    return blocks.transpose(0, 3, 1, 2).reshape(-1, n, 3)[:m]
+            list(executor.map(follow, tasks))
+    return end
 
 
 @cache

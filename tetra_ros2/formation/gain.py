@@ -45,6 +45,10 @@ class Gain(ABC):
         """Return F(c) = f(arccos c) [rad/s], the gain over the cosine; eq:SF:newCorDynf1Detial."""
         return self.f(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
+    def of_one_cosine(self, cosine):
+        """Return F(c) [rad/s] for a plain float from -1 to 1: for the callback of an agent."""
+        return self.f(math.acos(cosine), math)
+
     def of_cosine_derivative(self, cosine):
         """Return F'(c) = -f'(theta) / sin(theta) [1/s], for c in (-1, 1)."""
         theta = np.arccos(np.clip(cosine, -1.0, 1.0))
@@ -65,6 +69,8 @@ class Cosine(Gain):
     def of_cosine(self, cosine):
         """Return F(c) [rad/s]."""
         return self.a * (1.0 + cosine)
+
+    of_one_cosine = of_cosine
 
 
 class Exponential(Gain):

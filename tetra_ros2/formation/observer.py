@@ -39,7 +39,7 @@ class Observer:
         self.previous_stamp = None
         self.cosines = []
         self.error = math.inf
-        self._pairs = [(7 * (i - 1), 7 * (j - 1)) for i, j in self.pairs]
+        self._pairs = [(i - 1, j - 1) for i, j in self.pairs]
         self._starts = range(0, 7 * topology.n, 7)
         self._targets = None if self.shape is None else self.shape.angles.tolist()
         # The target's angles have no order where they differ; the pairs do where they do not.
@@ -59,12 +59,12 @@ class Observer:
             if stamp == self.stamp:
                 return False
             raise Rejected(Rejected.OLD_STAMP)
-        for start in self._starts:
-            require_unit(*poses[start:start + 3])
+        reduced = [poses[start:start + 3] for start in self._starts]
+        for x, y, z in reduced:
+            require_unit(x, y, z)
         cosines, angles = [], []
         for i, j in self._pairs:
-            ax, ay, az = poses[i:i + 3]
-            bx, by, bz = poses[j:j + 3]
+            (ax, ay, az), (bx, by, bz) = reduced[i], reduced[j]
             cosine = ax * bx + ay * by + az * bz
             cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
             cosines.append(cosine)
