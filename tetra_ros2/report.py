@@ -10,8 +10,6 @@ import math
 import sys
 import time
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.parameter import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
@@ -110,8 +108,7 @@ class _Progress:
                 auto_refresh=False)
             self._task = self._bar.add_task('', total=self._duration, state='')
             self._bar.start()
-            self._timer = self._launcher.monitor.create_timer(
-                REFRESH_PERIOD, self._show, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            self._timer = self._launcher.monitor.create_steady_timer(REFRESH_PERIOD, self._show)
 
     def _show(self):
         observer = self._launcher.monitor.observer

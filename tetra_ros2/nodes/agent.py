@@ -12,8 +12,6 @@ from functools import partial
 import time
 
 from geometry_msgs.msg import TwistStamped, Vector3Stamped
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 
 from tetra_ros2.configuration import Formation, gain_from_parameters
@@ -21,7 +19,7 @@ from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.controller import Controller
 from tetra_ros2.parameters import ConfigurationError
 from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
-from tetra_ros2.ros.node import FormationNode
+from tetra_ros2.ros.node import FormationNode, raw_publish
 
 
 class Agent(FormationNode):
@@ -47,13 +45,13 @@ class Agent(FormationNode):
         self._controller = Controller(
             formation.axes[i - 1].tolist(), [weight for _, weight in neighbors], formation.gain)
         self._measurement = cdr.vector3_stamped(names.body_frame(i))
-        self._command = cdr.twist_stamped(names.body_frame(i))
-        self._heard = self._answered = False  # since the last tick
+        self._encode = cdr.twist_stamped(names.body_frame(i)).encode
+        self._before = 0, 0  # measurements and answers, until the last tick
         self._state = diagnostics.WARN, 'waiting for measurements'
         self._newest = 0  # stamp of the newest measurement ever answered [ns]
-        self.measurements = self.answers = self.partial_answers = 0
+        self.answers = self.partial_answers = 0
         # Silence is measured in the time that the formation lives in.
-        self._clock_of_ticks = Clock(clock_type=ClockType.STEADY_TIME)
+        self._clock_of_ticks = self.steady_clock
         self._now = time.monotonic
         if self.get_parameter('use_sim_time').value:
             self._clock_of_ticks = self.get_clock()
@@ -61,9 +59,10 @@ class Agent(FormationNode):
 
         self._publisher = self.offer(
             TwistStamped, names.cmd_vel(i), qos.NEWEST, exclusive=True)
+        self._send = raw_publish(self._publisher)
         for slot, j in enumerate(self._neighbors):
             self.listen(Vector3Stamped, names.relative_attitude(i, j),
-                        partial(self._on_measurement, slot), qos.NEWEST)
+                        self._receiver(slot, f'agent_{j}'), qos.NEWEST)
         self.report_health()
         self._ticker = None
         self._apply(values)
@@ -95,27 +94,36 @@ class Agent(FormationNode):
                 self.destroy_timer(self._ticker)
             self._ticker = self.create_timer(period, self._on_tick, clock=self._clock_of_ticks)
 
-    def _on_measurement(self, slot, message):
-        """Hand a measurement to the law, and publish the answer if there is one."""
-        try:
-            stamp, seen = self._measurement.decode(message)
-            rate = self._controller.receive(slot, stamp, seen, self._now())
-        except Rejected as rejection:
-            self.health.reject(rejection, f'agent_{self._neighbors[slot]}')
-            return
-        self.measurements += 1
-        self._heard = True
-        if rate is not None:
-            self._publish(stamp, rate)
-            self._newest = stamp
-            self.answers += 1
-            self._answered = True
+    def _receiver(self, slot, source):
+        """Return what hands the measurements of a neighbour to the law, and sends its answers."""
+        # The busiest callback of an agent: it has at hand what it needs.
+        decode, receive, now = self._measurement.decode, self._controller.receive, self._now
+
+        def on_measurement(message):
+            try:
+                stamp, seen = decode(message)
+                rate = receive(slot, stamp, seen, now())
+            except Rejected as rejection:
+                self.health.reject(rejection, source)
+                return
+            if rate is not None:
+                self._publish(stamp, rate)
+                self._newest = stamp
+                self.answers += 1
+
+        return on_measurement
+
+    @property
+    def measurements(self):
+        """Return how many measurements were taken."""
+        return self._controller.received
 
     def _on_tick(self):
         """Answer with what there is, or stop, if no full set came since the last time."""
-        heard, answered = self._heard, self._answered
-        self._heard = self._answered = False
         controller = self._controller
+        now = controller.received, self.answers
+        heard, answered = (a != b for a, b in zip(now, self._before))
+        self._before = now
         if answered:
             self._state = diagnostics.OK, 'answering'
             return
@@ -147,7 +155,7 @@ class Agent(FormationNode):
             self._publish(self._newest + 1, (0.0, 0.0, 0.0))
 
     def _publish(self, stamp, rate):
-        self._publisher.publish(self._command.encode(stamp, 0.0, 0.0, 0.0, *rate))
+        self._send(self._encode(stamp, 0.0, 0.0, 0.0, *rate))
 
     def assess(self):
         """Return level, message and figures for the diagnostics."""

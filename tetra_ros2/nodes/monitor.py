@@ -19,7 +19,7 @@ from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.observer import Observer
 from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
 from tetra_ros2.ros.markers import Markers
-from tetra_ros2.ros.node import FormationNode
+from tetra_ros2.ros.node import FormationNode, raw_publish
 
 PATIENCE = 3
 """After how many old stamps in a row the plant is taken to have been started anew."""
@@ -42,11 +42,12 @@ class Monitor(FormationNode):
         self._awaited = None
         self._watchers = []
         self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decode
-        self._cosines = self.offer(Float64MultiArray, names.COSINES, qos.STATE)
+        self._send_cosines = raw_publish(
+            self.offer(Float64MultiArray, names.COSINES, qos.STATE))
         self._encode_cosines = cdr.trailing_numbers(
             serialize_message(self._cosines_message()), len(self.observer.pairs))
         if self.observer.shape is not None:
-            self._error = self.offer(Float64, names.ERROR, qos.STATE)
+            self._send_error = raw_publish(self.offer(Float64, names.ERROR, qos.STATE))
             self._encode_error = cdr.trailing_numbers(serialize_message(Float64()), 1)
         self._markers = Markers(self, self._look)
         self.report_health()
@@ -97,9 +98,9 @@ class Monitor(FormationNode):
             tell(message)
         if not new:
             return
-        self._cosines.publish(self._encode_cosines(*observer.cosines))
+        self._send_cosines(self._encode_cosines(*observer.cosines))
         if observer.shape is not None:
-            self._error.publish(self._encode_error(observer.error))
+            self._send_error(self._encode_error(observer.error))
         if self._awaited is not None and stamp >= self._awaited[0] \
                 and not self._awaited[1].done():
             self._awaited[1].set_result(stamp)

@@ -9,7 +9,6 @@ The node owns the topics and the state. How time passes is left to one of two ti
 :class:`~tetra_ros2.nodes.timekeepers.RealTime`.
 """
 
-from functools import partial
 import secrets
 
 from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
@@ -24,7 +23,7 @@ from tetra_ros2.formation.sensing import delay_in_steps, Sensors
 from tetra_ros2.nodes.timekeepers import Lockstep, RealTime
 from tetra_ros2.parameters import ConfigurationError
 from tetra_ros2.ros import cdr, executor, names, parameters, qos
-from tetra_ros2.ros.node import FormationNode
+from tetra_ros2.ros.node import FormationNode, raw_publish
 
 
 class Plant(FormationNode):
@@ -52,24 +51,25 @@ class Plant(FormationNode):
         self._rng = np.random.default_rng(max(self.seed, 0))
         self.bodies = RigidBodies(self._initial_attitudes(), self.formation.axes)
 
-        self._state_publisher = self.offer(
-            PoseArray, names.ATTITUDES, qos.STATE, exclusive=True)
+        self._send_state = raw_publish(self.offer(
+            PoseArray, names.ATTITUDES, qos.STATE, exclusive=True))
         self._state = cdr.pose_array(names.WORLD, n)
-        # For each agent that sees anybody: its index, whom it sees, the publishers, the codec.
+        # For each agent that sees anybody: its index, whom it sees, how to tell it, the codec.
         self._sensors = []
         for i in range(1, n + 1):
             neighbors = [j for j, _ in topology.neighbors(i)]
-            publishers = [
-                self.offer(Vector3Stamped, names.relative_attitude(i, j), qos.NEWEST).publish
+            senders = [raw_publish(
+                self.offer(Vector3Stamped, names.relative_attitude(i, j), qos.NEWEST))
                 for j in neighbors]
             if neighbors:
-                self._sensors.append((i - 1, [j - 1 for j in neighbors], publishers,
+                self._sensors.append((i - 1, [j - 1 for j in neighbors], senders,
                                       cdr.vector3_stamped(names.body_frame(i)).encoder))
         self._imperfect = self._make_imperfect_sensors(values)
+        self.mode = values['mode']
+        timekeeper = {'lockstep': Lockstep, 'realtime': RealTime}[self.mode]
+        self.time = timekeeper(self, [sensor[0] for sensor in self._sensors])
         for i in range(1, n + 1):
-            decode = cdr.twist_stamped(names.body_frame(i)).decode
-            self.listen(TwistStamped, names.cmd_vel(i), partial(self._on_command, i - 1, decode),
-                        qos.COMMANDS)
+            self.listen(TwistStamped, names.cmd_vel(i), self._receiver(i), qos.COMMANDS)
         self.create_service(Trigger, names.RESET, self._on_reset)
         self.create_service(SetBool, names.PAUSE, self._on_pause)
         self.report_health()
@@ -77,9 +77,6 @@ class Plant(FormationNode):
             blind = ', '.join(map(str, topology.blind_agents))
             self.get_logger().warning(f'agents that see nobody, and are not waited for: {blind}')
 
-        self.mode = values['mode']
-        timekeeper = {'lockstep': Lockstep, 'realtime': RealTime}[self.mode]
-        self.time = timekeeper(self, [sensor[0] for sensor in self._sensors])
         self._apply(values)
         if start:
             self.time.start()
@@ -128,30 +125,37 @@ class Plant(FormationNode):
     def publish(self, stamp):
         """Publish the state and what everybody sees of it, as of the time ``stamp`` [ns]."""
         bodies = self.bodies
-        state = []
-        for position, orientation in zip(bodies.reduced, bodies.attitudes):
-            state += position
-            state += orientation
         head = cdr.head(stamp)
-        prefix, pack = self._state.encoder(head)
-        self._state_publisher.publish(prefix + pack(*state))
         sensors = self._imperfect
         if sensors is None:
             sensors = bodies
         else:
             sensors.sample(stamp)
-        for i, others, publishers, encoder in self._sensors:
+        for i, others, senders, encoder in self._sensors:
             prefix, pack = encoder(head)
-            for publish, seen in zip(publishers, sensors.seen_by(i, others)):
-                publish(prefix + pack(*seen))
+            for send, seen in zip(senders, sensors.seen_by(i, others)):
+                send(prefix + pack(*seen))
+        # Last, as nobody's answer waits for it.
+        state = []
+        for position, orientation in zip(bodies.reduced, bodies.attitudes):
+            state += position
+            state += orientation
+        prefix, pack = self._state.encoder(head)
+        self._send_state(prefix + pack(*state))
 
-    def _on_command(self, i, decode, message):
-        try:
-            stamp, (_, _, _, x, y, z) = decode(message)
-            require_rate(x, y, z, self._max_angular_velocity)
-            self.time.command(i, stamp, (x, y, z))
-        except Rejected as rejection:
-            self.health.reject(rejection, names.agent(i + 1))
+    def _receiver(self, i):
+        """Return what hands the commands of agent i to the timekeeper."""
+        decode, command = cdr.twist_stamped(names.body_frame(i)).decode, self.time.command
+
+        def on_command(message):
+            try:
+                stamp, (_, _, _, x, y, z) = decode(message)
+                require_rate(x, y, z, self._max_angular_velocity)
+                command(i - 1, stamp, (x, y, z))
+            except Rejected as rejection:
+                self.health.reject(rejection, names.agent(i))
+
+        return on_command
 
     def _on_reset(self, _request, response):
         self.reset()

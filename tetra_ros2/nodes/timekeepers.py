@@ -11,19 +11,17 @@ starts and stops, takes commands, and is told when the state was changed under i
 import math
 import time
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.ros import cdr, diagnostics, names, qos
+from tetra_ros2.ros.node import raw_publish
 
 STILL = (0.0, 0.0, 0.0)
 
 FUTURE_TOLERANCE = 500_000_000
 """How far ahead of the measurements the stamp of a command may be in real time [ns]."""
 
-_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def _period(rate):
@@ -65,7 +63,8 @@ class Lockstep:
         self._pace = None  # between two steps [s]
         self._patience = 0.0  # how long to wait before the measurements are sent again [s]
         self._watchdog = self._pacer = None
-        self._clock = plant.offer(ClockMessage, names.CLOCK, qos.NEWEST, exclusive=True)
+        self._send_time = raw_publish(
+            plant.offer(ClockMessage, names.CLOCK, qos.NEWEST, exclusive=True))
 
     def configure(self, values):
         """Take the parameters, at the start and whenever they change."""
@@ -76,8 +75,8 @@ class Lockstep:
             self._last_stamp = round(values['duration'] * 1e9) + self._period \
                 if values['duration'] else None
             self._patience = values['republish_period']
-            self._watchdog = self._plant.create_timer(
-                self._patience, self._on_watchdog, clock=_STEADY)
+            self._watchdog = self._plant.create_steady_timer(
+                self._patience, self._on_watchdog)
         # With nobody to wait for, something else must set the pace.
         factor = values['real_time_factor'] or (0.0 if self._everybody else 100.0)
         pace = self._h / factor if factor else None
@@ -86,8 +85,8 @@ class Lockstep:
             self._due = True
             if self._pacer is not None:
                 self._plant.destroy_timer(self._pacer)
-            self._pacer = None if pace is None else self._plant.create_timer(
-                pace, self._on_due, clock=_STEADY)
+            self._pacer = None if pace is None else self._plant.create_steady_timer(
+                pace, self._on_due)
 
     def start(self):
         """Publish the state at hand and wait for the answers."""
@@ -140,11 +139,11 @@ class Lockstep:
         self._rates[:] = self._still
         self._missing = self._everybody & ~self._absent
         self._waiting_since = time.monotonic()
-        self._publish_clock()
-        self._plant.publish(self.stamp)
+        self._publish()
 
-    def _publish_clock(self):
-        self._clock.publish(cdr.head(self.stamp))
+    def _publish(self):
+        self._send_time(cdr.head(self.stamp))
+        self._plant.publish(self.stamp)
 
     def _advance(self):
         """Take the step if there is nothing left to wait for."""
@@ -174,8 +173,7 @@ class Lockstep:
             self._missing &= ~silent
         if self._missing or self.paused or not self._due:
             self.repetitions += 1
-            self._publish_clock()
-            self._plant.publish(self.stamp)
+            self._publish()
         else:
             self._advance()
 

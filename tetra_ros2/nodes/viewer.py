@@ -20,8 +20,6 @@ from geometry_msgs.msg import PoseArray
 import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -103,9 +101,8 @@ class Viewer(FormationNode):
             self.listen(PoseArray, names.ATTITUDES, lambda m: self._inbox.append(m), LATEST)
         else:
             watch(self._inbox.append)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(FRAME_PERIOD, self._refresh, clock=steady)
-        self.create_timer(INQUIRY_PERIOD, self._inquire, clock=steady)
+        self.create_steady_timer(FRAME_PERIOD, self._refresh)
+        self.create_steady_timer(INQUIRY_PERIOD, self._inquire)
         self._show_status()
         self.get_logger().info(f'open {self.page.address} in a browser')
 

@@ -16,6 +16,7 @@ from tetra_ros2.formation.checks import Rejected
 _LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 _ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
 _NANOSECONDS = 1_000_000_000
+_ENCAPSULATION, = struct.unpack('<I', _LITTLE_ENDIAN)
 _HEAD = struct.Struct('<4siI')  # encapsulation, sec, nanosec
 
 
@@ -48,7 +49,7 @@ class StampedNumbers:
         self._pack_numbers = struct.Struct(f'<{count}d').pack
         counted = '' if length is None else f'{len(between) - len(self._name) - 4}xI'
         layout = struct.Struct(
-            f'<4siI{len(self._name)}s{counted}{len(self._between) - len(between)}x{count}d')
+            f'<IiI{len(self._name)}s{counted}{len(self._between) - len(between)}x{count}d')
         self._size = layout.size
         self._unpack = layout.unpack
         self._first = 4 if length is None else 5  # index of the first number that unpack gives
@@ -81,7 +82,7 @@ class StampedNumbers:
         # The padding is not looked at: its bytes are whatever the sender's memory held.
         if len(message) == self._size:
             fields = self._unpack(message)
-            if fields[3] == self._name and fields[0] == _LITTLE_ENDIAN and (
+            if fields[3] == self._name and fields[0] == _ENCAPSULATION and (
                     self._length is None or fields[4] == self._length):
                 return fields[1] * _NANOSECONDS + fields[2], fields[self._first:]
         return self._decode_any(message)

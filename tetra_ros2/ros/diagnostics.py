@@ -7,8 +7,6 @@ from collections import Counter
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 
 from tetra_ros2.ros import names, qos
 
@@ -34,6 +32,7 @@ class Health:
 
     def __init__(self, node, assess):
         self.rejected = Counter()
+        self.message = ''  # of the last report
         self._node = node
         self._assess = assess
         self._logged = Counter()
@@ -41,8 +40,7 @@ class Health:
         self._counts = {}
         self._counted_at = time.monotonic()
         self._publisher = node.offer(DiagnosticArray, names.DIAGNOSTICS, qos.REPORTS)
-        self._timer = node.create_timer(
-            PERIOD, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_steady_timer(PERIOD, self.report)
 
     def reject(self, reason, source):
         """Count a message that was dropped: why, and on which topic or of whom."""
@@ -76,6 +74,7 @@ class Health:
             level = max(level, WARN)
             dropped = ', '.join(f'{count} {reason}' for reason, count in news.items())
             message = f'{message}; dropped: {dropped}'
+        self.message = message
         self._log(level, message, news)
         self._level = level
         values = {**values, 'rejected': self.rejected.total(),

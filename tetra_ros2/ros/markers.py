@@ -8,8 +8,6 @@ from collections import deque
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point
 import numpy as np
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
@@ -47,7 +45,7 @@ class Markers:
         self._publisher = node.create_publisher(
             MarkerArray, names.MARKERS, qos.PICTURE,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        node.create_timer(PERIOD, self.refresh, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_steady_timer(PERIOD, self.refresh)
 
     def refresh(self):
         """Publish the last state, if there is one and somebody to see it."""

@@ -5,10 +5,23 @@
 
 from copy import copy
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from tetra_ros2.ros.diagnostics import Health
+
+
+def raw_publish(publisher):
+    """
+    Return the function that publishes bytes, the quickest there is.
+
+    ``Publisher.publish`` takes as long again to look what it was given, and to keep the publisher
+    from being destroyed meanwhile. Here bytes are all that is given, and the thread that publishes
+    is the one that destroys; after that, this function raises an error.
+    """
+    return getattr(publisher.handle, 'publish_raw', publisher.publish)
 
 
 class FormationNode(Node):
@@ -28,6 +41,8 @@ class FormationNode(Node):
         self.exclusive_outputs = []  # names of topics on which nobody else may publish
         self.exclusive_inputs = True  # whether one publisher is right for each subscription
         self.health = None
+        # One for all timers of the node: the events executor keeps a thread for each clock.
+        self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.exit_status = 0  # of the process that runs this node
 
     # Profiles are copied: rclpy writes what is overridden into the very object it is given.
@@ -51,6 +66,10 @@ class FormationNode(Node):
         if exclusive:
             self.exclusive_outputs.append(publisher.topic_name)
         return publisher
+
+    def create_steady_timer(self, period, callback):
+        """Return a timer [s] that fires however formation time passes."""
+        return self.create_timer(period, callback, clock=self.steady_clock)
 
     def crowded_topics(self):
         """Return the topics with more than one publisher where one is right."""
