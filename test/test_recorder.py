@@ -17,6 +17,7 @@ from rosbags.typesys import get_typestore, Stores
 from std_msgs.msg import String
 import yaml
 
+from tetra_ros2 import launcher
 from tetra_ros2.formation import measures, shapes
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.parameters import ConfigurationError
@@ -176,13 +177,24 @@ def test_an_existing_path_is_never_written_to(tmp_path):
     assert [p.name for p in path.iterdir()] == ['precious']
 
 
-def test_a_launcher_that_is_refused_records_nothing(tmp_path):
+def test_a_launcher_that_is_refused_records_nothing(tmp_path, monkeypatch):
     path = tmp_path / 'bag'
-    with Launcher('complete'):
-        with pytest.raises(ConfigurationError, match='somebody else'), \
-                Launcher('complete', record=path):
-            pass
-        assert not path.exists()
+    found = []
+
+    def links(self):
+        # Somebody is found only when the recording has begun, as DDS takes its time.
+        if self.recorder is not None:
+            found.append(path.exists())
+            return [], ['/clock']
+        return [], []
+
+    monkeypatch.setattr(launcher, 'FAREWELL_TIMEOUT', 0.2)
+    monkeypatch.setattr(Launcher, '_links', links)
+    with pytest.raises(ConfigurationError, match='somebody else'), \
+            Launcher('complete', record=path):
+        pass
+    assert found[0]
+    assert not path.exists()
 
 
 def test_a_full_disk_is_said_in_one_line(tmp_path, processes, probe):
@@ -213,13 +225,21 @@ def test_a_path_that_cannot_be_made_is_refused(tmp_path):
     assert 'cannot be recorded into' in errors
 
 
+def test_a_recorder_that_has_not_found_a_publisher_is_waited_for(tmp_path, monkeypatch):
+    with Launcher('complete', record=tmp_path / 'bag') as formation:
+        assert formation._links() == ([], [])
+        subscription = formation.recorder.inputs[0]
+        monkeypatch.setattr(subscription, 'get_publisher_count', lambda: 0)
+        assert formation._links() == ([subscription.topic_name], [])
+
+
 def test_interrupting_the_launcher_leaves_a_whole_bag(tmp_path, processes, probe):
     path = tmp_path / 'bag'
-    launcher = processes.tetra('launcher', '--duration', '1e6', '--record', path)
+    process = processes.tetra('launcher', '--duration', '1e6', '--record', path)
     probe.wait_for_health('/recorder', lambda s: s.message == 'recording', 'the recording')
     probe.wait_for_health(
         '/recorder', lambda s: int(values(s)['messages']) > 100, 'it')
-    status, output = interrupt(launcher)
+    status, output = interrupt(process)
     assert status == 130, output
     assert 'interrupted' in output
     messages, _ = read_mcap(path)

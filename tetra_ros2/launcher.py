@@ -105,6 +105,8 @@ class Launcher:
         try:
             self._start()
         except BaseException:
+            if self.recorder is not None:
+                self.recorder.discard()
             self.close()
             raise
         return self
@@ -181,18 +183,18 @@ class Launcher:
         missing, crowded = [], []
         watching = (self.recorder, self.viewer)  # many may publish what these listen to
         listeners = Counter(s.topic_name for node in self.nodes for s in node.inputs)
+        speakers = Counter(p.topic_name for node in self.nodes for p in node.outputs)
         if self.recorder is not None:
-            offered = {p.topic_name for node in self.nodes for p in node.outputs}
-            missing += offered - {s.topic_name for s in self.recorder.inputs}
+            missing += speakers.keys() - {s.topic_name for s in self.recorder.inputs}
         for node in self.nodes:
             for publisher in node.outputs:
                 if publisher.get_subscription_count() < listeners[publisher.topic_name]:
                     missing.append(publisher.topic_name)
-            for subscription in node.inputs if node not in watching else ():
+            for subscription in node.inputs:
                 count = subscription.get_publisher_count()
-                if count == 0:
+                if count < max(speakers[subscription.topic_name], 1):
                     missing.append(subscription.topic_name)
-                elif count > 1:
+                elif count > 1 and node not in watching:
                     crowded.append(subscription.topic_name)
         return missing, crowded
 

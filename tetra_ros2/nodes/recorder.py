@@ -4,47 +4,35 @@
 """
 The recorder: serialised messages, as they come, into a rosbag2 directory.
 
-It needs no rosbag2: the files are written by rosbags, and ``ros2 bag``, Foxglove and PlotJuggler
-read them.
+It needs no rosbag2: the files are written by rosbags, in a process of its own, see
+:mod:`tetra_ros2.nodes.bag_writer`; ``ros2 bag``, Foxglove and PlotJuggler read them.
 """
 
+from collections import Counter
 from contextlib import suppress
 from datetime import datetime
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 import re
+import shutil
 
-import apsw
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
-from rosbags.typesys import get_typestore, Stores
-from rosbags.typesys.base import TypesysError
+import rosbags  # noqa: F401, to miss it here and not in the process that writes
 
 from tetra_ros2.configuration import check_new
+from tetra_ros2.nodes.bag_writer import BagError, BagWriter
 from tetra_ros2.parameters import ConfigurationError
 from tetra_ros2.ros import diagnostics, executor, names, parameters
 from tetra_ros2.ros.node import FormationNode
 
 DISCOVERY_PERIOD = 0.1
-"""How often to look for topics that have appeared [s]."""
+"""How often to look for topics that have appeared, and to pass on what has come [s]."""
+
+BATCH = 512
+"""How many messages are passed on together."""
 
 DEPTH = 10000
-"""How many messages of a topic may wait to be written."""
-
-WRITING_ERRORS = OSError, apsw.Error, WriterError
-
-_STORAGE = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
+"""How many messages of a topic may wait to be received."""
 
 
 class Recorder(FormationNode):
@@ -65,17 +53,15 @@ class Recorder(FormationNode):
         values = parameters.declare(self, 'recorder', self._accept, lambda _: None)
         self._wanted = re.compile('|'.join(f'(?:{p})' for p in self._patterns(values)))
         self.path = Path(values['output'] or f'tetra_{datetime.now():%Y_%m_%d-%H_%M_%S}')
-        self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self.exclusive_inputs = False
         self._now = now or (lambda: self.get_clock().now().nanoseconds)
-        self._recorded = set()
+        self._recorded = []  # topics, by the number that the writer gave them
         self._refused = set()
-        self._last = 0
-        self.counts = {}
-        self._writer = self._open(_STORAGE[values['storage']])
+        self._batch = []  # what has come and was not passed on yet
+        self._passed_on = Counter()  # how many messages, by the topic's number
+        self._writer = self._open(values['storage'])
         self.report_health()
-        self.create_timer(
-            DISCOVERY_PERIOD, self.discover, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_steady_timer(DISCOVERY_PERIOD, self._on_timer)
         self.discover()
 
     def _accept(self, values):
@@ -99,37 +85,66 @@ class Recorder(FormationNode):
 
     def _open(self, storage):
         check_new(self.path)
-        writer = Writer(self.path, version=9, storage_plugin=storage)
         try:
-            writer.open()
-        except OSError as error:
+            writer = BagWriter(self.path, storage)
+        except BagError as error:
             raise ConfigurationError(
-                f'cannot be recorded into: {error.strerror}', source=self.path) from None
+                f'cannot be recorded into: {error}', source=self.path) from None
         self.get_logger().info(f'recording into {self.path}')
         return writer
 
     def close(self):
         """End the recording; what has come so far is all there, and the bag is complete."""
-        writer, self._writer = self._writer, None
-        if writer is None:
+        self._pass_on()
+        if self._writer is None:
             return
         try:
-            writer.close()
-        except WRITING_ERRORS as error:
+            self._writer.close()
+        except BagError as error:
             self._fail(error)
             return
+        self._writer = None
         self.get_logger().info(
             f'{sum(self.counts.values())} messages of {len(self.counts)} topics are in '
             f'{self.path}')
 
+    def discard(self):
+        """Record nothing after all: the directory goes, which was made for this recording."""
+        if self._writer is not None:
+            self._writer.abort()
+            self._writer = None
+            shutil.rmtree(self.path)
+
     def _fail(self, error):
         """Give up recording: what is on the disk stays there, and may have to be recovered."""
-        writer, self._writer = self._writer, None
-        if writer is not None:
-            with suppress(*WRITING_ERRORS):
-                writer.abort()
+        self._writer.abort()
+        self._writer = None
+        self._batch.clear()
         self.exit_status = 1
         self.get_logger().error(f'{self.path} cannot be written any more: {error}')
+
+    @property
+    def counts(self):
+        """Return how many messages of each topic were recorded."""
+        self._pass_on()
+        return {topic: self._passed_on[k] for k, topic in enumerate(self._recorded)}
+
+    def _pass_on(self):
+        """Hand what has come to the process that writes."""
+        batch = self._batch
+        if not batch or self._writer is None:
+            return
+        try:
+            self._writer.write(batch)
+        except BagError as error:
+            self._fail(error)
+            return
+        self._passed_on.update([number for number, _, _ in batch])
+        batch.clear()
+
+    def _on_timer(self):
+        self._pass_on()
+        self.discover()
 
     def discover(self):
         """Begin to record those of the wanted topics that have appeared."""
@@ -144,18 +159,21 @@ class Recorder(FormationNode):
 
     def _record(self, topic, type_name, publishers):
         package, _, name = type_name.split('/')
-        try:
-            message_type = getattr(import_module(f'{package}.msg'), name)
-            connection = self._writer.add_connection(
-                topic, type_name,
-                msgdef=self._typestore.generate_msgdef(type_name, ros_version=2)[0],
-                rihs01=str(publishers[0].topic_type_hash),
-                offered_qos_profiles=[_offered(p.qos_profile) for p in publishers])
-        except (ImportError, AttributeError, KeyError, TypesysError):
+        message_type = number = None
+        with suppress(ImportError):
+            message_type = getattr(import_module(f'{package}.msg'), name, None)
+        if message_type is not None:
+            try:
+                number = self._writer.add_topic(
+                    topic, type_name, str(publishers[0].topic_type_hash),
+                    [_offered(publisher.qos_profile) for publisher in publishers])
+            except BagError as error:
+                self._fail(error)
+                return
+        if number is None:
             self._refused.add((topic, type_name))
             self.get_logger().warning(f'{topic} is not recorded, its type {type_name} is unknown')
             return
-        self.counts[topic] = 0
         profile = QoSProfile(
             history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
             reliability=_common(publishers, 'reliability', ReliabilityPolicy.RELIABLE,
@@ -163,31 +181,32 @@ class Recorder(FormationNode):
             durability=_common(publishers, 'durability', DurabilityPolicy.TRANSIENT_LOCAL,
                                DurabilityPolicy.VOLATILE))
         subscription = self.create_subscription(
-            message_type, topic, partial(self._on_message, topic, connection), profile, raw=True)
-        self._recorded.add(topic)
+            message_type, topic, self._receiver(number), profile, raw=True)
+        self._recorded.append(topic)
         self.inputs.append(subscription)
 
-    def _on_message(self, topic, connection, message):
-        now = self._now()
-        if self._writer is None or not now:
-            return
-        self._last = max(now, self._last)  # the system's clock may be set back; a bag's may not
-        try:
-            self._writer.write(connection, self._last, message)
-        except WRITING_ERRORS as error:
-            self._fail(error)
-            return
-        self.counts[topic] += 1
+    def _receiver(self, number):
+        """Return what takes the messages of a topic."""
+        batch, now = self._batch, self._now
+
+        def on_message(message):
+            if time := now():
+                batch.append((number, time, message))
+                if len(batch) >= BATCH:
+                    self._pass_on()
+
+        return on_message
 
     def assess(self):
         """Return level, message and figures for the diagnostics."""
-        total = sum(self.counts.values())
-        values = {'path': self.path, 'topics': len(self.counts), 'messages': total,
+        counts = self.counts
+        total = sum(counts.values())
+        values = {'path': self.path, 'topics': len(counts), 'messages': total,
                   **self.health.rates({'message rate [Hz]': total}),
-                  **{f'messages on {topic}': n for topic, n in self.counts.items()}}
+                  **{f'messages on {topic}': n for topic, n in counts.items()}}
         if self._writer is None:
             return diagnostics.ERROR, 'not recording any more', values
-        if not self.counts:
+        if not counts:
             return diagnostics.WARN, 'no topic to record yet', values
         return diagnostics.OK, 'recording', values
 
@@ -199,21 +218,11 @@ def _common(publishers, policy, strong, weak):
 
 
 def _offered(profile):
-    """Return a quality of service profile as rosbags writes it into a bag."""
-    def duration(value):
-        return QosTime(*divmod(value.nanoseconds, 1_000_000_000))
-
-    return Qos(
-        history=QosHistory(profile.history.value),
-        depth=profile.depth,
-        reliability=QosReliability(profile.reliability.value),
-        durability=QosDurability(profile.durability.value),
-        deadline=duration(profile.deadline),
-        lifespan=duration(profile.lifespan),
-        liveliness=QosLiveliness(profile.liveliness.value),
-        liveliness_lease_duration=duration(profile.liveliness_lease_duration),
-        avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
-    )
+    """Return a quality of service profile as :class:`BagWriter` takes it."""
+    return (profile.history.value, profile.depth, profile.reliability.value,
+            profile.durability.value, profile.deadline.nanoseconds, profile.lifespan.nanoseconds,
+            profile.liveliness.value, profile.liveliness_lease_duration.nanoseconds,
+            profile.avoid_ros_namespace_conventions)
 
 
 def main(config=None, arguments=()):
