@@ -164,12 +164,29 @@ def test_two_namespaces_in_one_domain_do_not_touch_each_other():
             assert not any(node.health.rejected for node in formation.nodes)
 
 
-def test_a_second_formation_in_the_same_namespace_is_refused():
+def test_a_second_formation_in_the_same_namespace_is_refused_or_reported(probe):
     from tetra_ros2.parameters import ConfigurationError
     with Launcher('complete') as first:
-        with pytest.raises(ConfigurationError, match='somebody else'), Launcher('complete'):
-            pass
+        try:
+            with Launcher('complete', parameters={'real_time_factor': 1.0}) as second:
+                # DDS may take seconds to show the one to the other.
+                spin_while(second, probe, second.monitor.crowded_topics, 'what is crowded')
+                assert '/formation/attitudes' in second.monitor.crowded_topics()
+                second.monitor.health.report()
+                assert 'more than one publisher' in second.monitor.health.message
+        except ConfigurationError as error:
+            assert 'somebody else' in str(error)
         assert first.run_for(1.0)
+
+
+def test_a_formation_that_finds_another_one_at_its_start_is_refused(monkeypatch):
+    from tetra_ros2 import launcher
+    from tetra_ros2.parameters import ConfigurationError
+    monkeypatch.setattr(launcher, 'FAREWELL_TIMEOUT', 0.2)
+    monkeypatch.setattr(Launcher, '_links', lambda self: ([], ['/clock']))
+    with pytest.raises(ConfigurationError, match='somebody else is on /clock'), \
+            Launcher('complete'):
+        pass
 
 
 def test_real_time_forms_too_and_keeps_the_time():
@@ -205,11 +222,14 @@ def test_the_monitor_publishes_cosines_and_error(probe):
     probe.listen(Float64MultiArray, 'formation/cosines')
     probe.listen(Float64, 'formation/error')
     with Launcher('complete') as formation:
-        probe.wait_for(lambda: probe.node.count_publishers('formation/error'), 'the monitor')
+        watched = [p for p in formation.monitor.outputs
+                   if p.topic_name in ('/formation/cosines', '/formation/error')]
+        probe.wait_for(lambda: all(p.get_subscription_count() for p in watched), 'the monitor')
         formation.run_for(5.0)
-        probe.wait_for(lambda: probe.received['formation/error']
-                       and probe.received['formation/error'][-1].data == formation.error,
-                       'the last error')
+        count = formation.monitor.observer.count
+        probe.wait_for(lambda: all(len(probe.received[topic]) == count for topic in (
+            'formation/cosines', 'formation/error')), 'all of them')
+        assert probe.received['formation/error'][-1].data == formation.error
         gamma = formation.reduced_attitudes
     cosines = probe.received['formation/cosines'][-1]
     np.testing.assert_allclose(cosines.data, measures.pairwise_cosines(gamma), atol=1e-15)
