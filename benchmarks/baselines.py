@@ -6,8 +6,9 @@ The lockstep round without mathematics, checks or state: what there is to compar
 
 Plant and agents use the topics, types and quality of service of the formation. In one style they
 are written as one writes rclpy: message objects, the default executor. In the other they go to
-the limit of what rclpy and DDS can do: constant bytes, raw subscriptions, the events executor.
-The plants have the interface that ``worker.py`` measures by: ``steps``, ``pause``, ``resume``.
+the limit of what rclpy and DDS can do: constant bytes, past the checks of ``Publisher.publish``,
+raw subscriptions, the events executor. The plants have the interface that ``worker.py`` measures
+by: ``steps``, ``pause``, ``resume``.
 """
 
 import struct
@@ -128,11 +129,17 @@ class ObjectRealTimePlant(ObjectPlant):
     :param note: called at each step with its time and the oldest stamp among the commands [ns]
     """
 
-    def __init__(self, n, rate, note, **kwargs):
+    def __init__(self, n, note, **kwargs):
         super().__init__(n, **kwargs)
         self._stamps = [0] * n
         self._note = note
-        self.create_timer(1.0 / rate, self._on_timer)
+        self._timer = None
+
+    def set_rate(self, rate):
+        """Step so often from now on [Hz]."""
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+        self._timer = self.create_timer(1.0 / rate, self._on_timer)
 
     def _on_timer(self):
         now = self.get_clock().now()
@@ -143,6 +150,11 @@ class ObjectRealTimePlant(ObjectPlant):
     def _on_command(self, i, message):
         stamp = message.header.stamp
         self._stamps[i - 1] = stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
+def raw_publish(node, message_type, topic, profile):
+    """Return a function that publishes bytes, without what rclpy looks at before."""
+    return node.create_publisher(message_type, topic, profile).handle.publish_raw
 
 
 class BytePlant(Node):
@@ -160,10 +172,10 @@ class BytePlant(Node):
         state.poses = [Pose() for _ in range(n)]
         self._measurement = serialize_message(measurement)[12:]
         self._state_tail = serialize_message(state)[12:]
-        self._state = self.create_publisher(PoseArray, 'formation/attitudes', STATE).publish
-        self._time_publisher = self.create_publisher(Clock, '/clock', NEWEST).publish
-        self._sensors = [self.create_publisher(
-            Vector3Stamped, f'agent_{i}/relative_attitude/agent_{j}', NEWEST).publish
+        self._state = raw_publish(self, PoseArray, 'formation/attitudes', STATE)
+        self._time_publisher = raw_publish(self, Clock, '/clock', NEWEST)
+        self._sensors = [raw_publish(
+            self, Vector3Stamped, f'agent_{i}/relative_attitude/agent_{j}', NEWEST)
             for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
         for i in range(1, n + 1):
             self.create_subscription(
@@ -207,11 +219,13 @@ class ByteRealTimePlant(BytePlant):
     :param note: called at each step with its time and the oldest stamp among the commands [ns]
     """
 
-    def __init__(self, n, rate, note, **kwargs):
+    def __init__(self, n, note, **kwargs):
         super().__init__(n, **kwargs)
         self._stamps = dict.fromkeys(range(1, n + 1), 0)
         self._note = note
-        self.create_timer(1.0 / rate, self._on_timer)
+        self._timer = None
+
+    set_rate = ObjectRealTimePlant.set_rate
 
     def _on_timer(self):
         now = self.get_clock().now().nanoseconds
@@ -233,7 +247,7 @@ class ByteAgent(Node):
         command.header.frame_id = f'agent_{i}'
         self._command = serialize_message(command)[12:]
         self._count, self._missing = n - 1, n - 1
-        self._publish = self.create_publisher(TwistStamped, f'agent_{i}/cmd_vel', NEWEST).publish
+        self._publish = raw_publish(self, TwistStamped, f'agent_{i}/cmd_vel', NEWEST)
         for j in range(1, n + 1):
             if j != i:
                 self.create_subscription(
@@ -257,9 +271,9 @@ class ByteMonitor(Node):
         cosines.layout.dim = [MultiArrayDimension(label='1 2', size=1, stride=1)] * (pairs + 1)
         self._cosines = serialize_message(cosines)
         self._error = serialize_message(Float64())
-        self._publish_cosines = self.create_publisher(
-            Float64MultiArray, 'formation/cosines', STATE).publish
-        self._publish_error = self.create_publisher(Float64, 'formation/error', STATE).publish
+        self._publish_cosines = raw_publish(
+            self, Float64MultiArray, 'formation/cosines', STATE)
+        self._publish_error = raw_publish(self, Float64, 'formation/error', STATE)
         self.create_subscription(PoseArray, 'formation/attitudes', self._on_attitudes, STATE,
                                  raw=True)
 

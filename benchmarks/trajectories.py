@@ -75,17 +75,20 @@ def tetra(gamma, tolerance, threads=1):
     return flow.run(gamma, WEIGHTS, Cosine(), DURATION, tolerance, threads)
 
 
-def prepare(style, threads):
+def prepare(style, threads, core=None):
     """
     Return a function that follows trajectories for some time [s], and says how many a second.
 
     The setting that is accurate enough is looked for before.
+
+    :param core: which one to stay on, of those that there are; None for no matter
     """
     method, fineness = {'scipy': (scipy, TOLERANCES), 'numpy': (numpy, STEPS),
                         'tetra': (partial(tetra, threads=threads), TOLERANCES)}[style]
-    if threads == 1 and hasattr(os, 'sched_setaffinity'):
+    if core is not None and hasattr(os, 'sched_setaffinity'):
         # The linear algebra behind numpy has threads of its own.
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {cores[core % len(cores)]})
     sample = starts(SAMPLE)
     exact = scipy(sample, 1e-13)
 
@@ -93,7 +96,7 @@ def prepare(style, threads):
         return float(np.linalg.norm(method(sample, setting) - exact, axis=-1).max())
 
     setting = next(s for s in fineness if error(s) <= ERROR)
-    batch = {'scipy': 1, 'numpy': 1000, 'tetra': 8192}[style]
+    batch = {'scipy': 1, 'numpy': 1000, 'tetra': 32768}[style]
     many = starts(max(batch, 1000))
     method(many[:batch], setting)  # compiled, and the caches warm
     final_error = error(setting)

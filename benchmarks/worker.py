@@ -6,10 +6,10 @@ A system to measure, in a process of its own; ``tetra bench`` starts these.
 
 A style is ``tetra`` (the nodes of the formation), ``objects`` or ``bytes`` (the baselines). What
 is compared takes turns: such a process prints an empty line when it is ready, then reads from its
-standard input for how long [s] to run, runs, prints a line of JSON about it, and rests until the
-next. What is measured once prints its line and ends. What is only there to be measured from
-outside, an agent or a monitor of a baseline, or a bare node, prints an empty line when it is ready
-and runs until SIGINT.
+standard input for how long [s] to run, and in real time at what rate [Hz], runs, prints a line of
+JSON about it, and rests until the next. What is measured once prints its line and ends. What is
+only there to be measured from outside, an agent or a monitor of a baseline, or a bare node, prints
+an empty line when it is ready and runs until SIGINT.
 """
 
 import argparse
@@ -25,8 +25,14 @@ DISCOVERY_TIMEOUT = 60.0
 SETTLING_TIME = 0.5
 """How long to wait after everybody has been found: the other side may learn of it later [s]."""
 
+REST = 0.02
+"""How long to go on after a turn, for what is still on its way [s]."""
+
 TRIES = 5
 """How often to begin a turn anew in which a baseline has stood still, as it lost a message."""
+
+WARM_UP, IDLE_RATE = 0.5, 10.0
+"""In real time: how long to run before a measurement counts [s], and how fast between two [Hz]."""
 
 ON_TIME = 0.25e-3
 """How late a step may be that counts as in time [s]."""
@@ -42,16 +48,16 @@ def take_turns(measure):
     """Say that this is ready, and measure for as long as is asked for, as often as is asked."""
     print(flush=True)
     for line in sys.stdin:
-        print(json.dumps(measure(float(line))), flush=True)
+        print(json.dumps(measure(*map(float, line.split()))), flush=True)
 
 
 class Spinner:
     """
     A context and an executor, and the nodes in it.
 
-    The default executor is spun without time-outs and futures: it forgets what it was about to do
-    at every time-out, and makes a task of every turn that it waits for a future. The events
-    executor wants both.
+    The default executor is spun without futures and with one and the same time-out: it makes a
+    task of every turn in which it waits for a future, and forgets what it was about to do whenever
+    the time-out is another.
     """
 
     def __init__(self, make_executor, namespace):
@@ -115,19 +121,24 @@ class Spinner:
         """
         from rclpy.task import Future
         done = Future(executor=self.executor)
-        counts = [count()]
+        counts, node, clock = [count()], self.nodes[0], _steady_clock()
 
         def on_timer():
             counts.append(count())
-            if len(counts) == 9:
+            if len(counts) == 5:
                 at_end()
-            elif len(counts) == 10:
+                timers[0].cancel()
+                timers.append(node.create_timer(REST, on_rest, clock=clock))
+
+        def on_rest():
+            if not done.done():
                 done.set_result(None)
 
-        timer = self.nodes[0].create_timer(seconds / 8.0, on_timer, clock=_steady_clock())
+        timers = [node.create_timer(seconds / 4.0, on_timer, clock=clock)]
         self._spin_until(done)
-        self.nodes[0].destroy_timer(timer)
-        return counts[8] > counts[4]
+        for timer in timers:
+            node.destroy_timer(timer)
+        return counts[4] > counts[2]
 
     def serve(self):
         """Say that this is ready, and spin until SIGINT."""
@@ -140,7 +151,7 @@ class Spinner:
     def _spin_until(self, future):
         while not future.done() and self.context.ok():
             if self._is_default:
-                self.executor.spin_once()
+                self.executor.spin_once(timeout_sec=0.5)
             else:
                 self.executor.spin_until_future_complete(future, timeout_sec=0.1)
 
@@ -247,15 +258,17 @@ def watched(arguments):
             plant = LaunchedPlant(launcher.plant.time)
             measure = turn(spinner, plant, n)
 
-            def lost():
-                return _lost(launcher, n)
-
             def measure_and_count(seconds):
                 figures = measure(seconds)
+
+                def nothing_lost():
+                    figures['lost'] = _lost(launcher, n)
+                    return not figures['lost']
+
                 # The next repetition goes out while this looks: the counts meet in between.
                 with suppress(TimeoutError):
-                    spinner.spin(lambda: not lost(), 5.0)
-                return {**figures, 'lost': lost()}
+                    spinner.spin(nothing_lost, 5.0)
+                return figures
 
             take_turns(measure_and_count)
         metadata = yaml.safe_load((bag / 'metadata.yaml').read_text())
@@ -308,7 +321,7 @@ def n_topics(n):
 def realtime(arguments):
     """Measure punctuality and freshness of the plant in real time; the agents are elsewhere."""
     import numpy as np
-    n, rate = arguments.n, arguments.rate
+    n = arguments.n
     notes = []
 
     def note(stamp, stamps):
@@ -321,7 +334,8 @@ def realtime(arguments):
         from tetra_ros2.ros.executor import make_executor
         spinner = Spinner(lambda context: make_executor(context), arguments.namespace)
         plant = spinner.add(Plant, parameter_overrides=_overrides(
-            topology__n=n, seed=7, mode='realtime', rate=rate))
+            topology__n=n, seed=7, mode='realtime', rate=IDLE_RATE))
+        plant.set_rate = lambda rate: plant.set_parameters(_overrides(rate=rate))
         publish, clock = plant.publish, plant.time
 
         def publish_and_note(stamp):
@@ -333,12 +347,20 @@ def realtime(arguments):
         import baselines
         plant_type = baselines.REAL_TIME_PLANTS[arguments.style]
         spinner = Spinner(_classes(arguments.style)[2], arguments.namespace)
-        plant = spinner.add(plant_type, n, rate, note)
+        plant = spinner.add(plant_type, n, note)
     spinner.discover(alone=True)
-    spinner.run_for(arguments.warmup, lambda: len(notes), lambda: None)
-    before = len(notes)
-    spinner.run_for(arguments.seconds, lambda: len(notes), lambda: None)
-    return judge(np.array(notes[before:]), n, rate)
+
+    def measure(seconds, rate):
+        plant.set_rate(rate)
+        spinner.run_for(WARM_UP, lambda: len(notes), lambda: None)
+        notes.clear()
+        noted = []
+        spinner.run_for(seconds, lambda: len(notes), lambda: noted.extend(notes))
+        plant.set_rate(IDLE_RATE)
+        return judge(np.array(noted), n, rate)
+
+    plant.set_rate(IDLE_RATE)
+    take_turns(measure)
 
 
 def judge(notes, n, rate):
@@ -443,7 +465,7 @@ def drift(arguments):
 def batch(arguments):
     """Trajectories by a method, to a given final error."""
     import trajectories
-    take_turns(trajectories.prepare(arguments.style, arguments.threads))
+    take_turns(trajectories.prepare(arguments.style, arguments.threads, arguments.core))
 
 
 def main():
@@ -454,11 +476,9 @@ def main():
     parser.add_argument('--namespace', default='')
     parser.add_argument('--n', type=int, default=4)
     parser.add_argument('--id', type=int, default=1)
-    parser.add_argument('--rate', type=float, default=2000.0)
-    parser.add_argument('--seconds', type=float, default=2.0)
-    parser.add_argument('--warmup', type=float, default=0.5)
     parser.add_argument('--steps', type=int, default=1_000_000)
     parser.add_argument('--threads', type=int, default=1)
+    parser.add_argument('--core', type=int)
     parser.add_argument('--alone', action='store_true', help='the plant only')
     arguments = parser.parse_args()
     systems = {f.__name__: f for f in (

@@ -3,6 +3,7 @@
 
 """The bench measures every row, says what it found, and fails if a target is missed."""
 
+from contextlib import contextmanager
 import json
 import subprocess
 
@@ -22,11 +23,14 @@ def instant(monkeypatch):
     """Let every measurement take no time, and find 1 for every figure."""
     calls = []
 
-    def measure(self, system):
-        calls.append(system.name)
-        return {**dict.fromkeys(FIELDS, 1.0), measurements.OTHERS: 0.0}
+    @contextmanager
+    def running(self, system, found):
+        def measure():
+            calls.append(system.name)
+            return dict.fromkeys(FIELDS, 1.0)
+        yield measure
 
-    monkeypatch.setattr(Bench, '_measure', measure)
+    monkeypatch.setattr(Bench, '_running', running)
     return calls
 
 
@@ -52,7 +56,8 @@ def test_every_row_is_measured_and_written(instant, tmp_path, capsys):
 
 def test_what_is_compared_runs_in_turns(instant):
     bench('--only', 'ceiling', '--repeats', 3)
-    assert instant == ['tetra, one process', 'bytes, one process'] * 3
+    # Once more before it counts, to be warm.
+    assert instant == ['tetra, one process', 'bytes, one process'] * 4
 
 
 def test_what_rows_share_is_measured_once(instant):
@@ -67,15 +72,51 @@ def test_a_missed_target_gives_status_1_unless_only_a_report_is_wanted(instant):
     assert bench('--only', 'objects', '--report-only') == 0
 
 
-def test_a_measurement_that_fails_misses_its_target(monkeypatch, capsys):
-    def fail(self):
-        raise subprocess.TimeoutExpired('worker', 1.0)
+@contextmanager
+def fails_to_start(bench):
+    raise subprocess.TimeoutExpired('worker', 1.0)
+    yield
 
-    row = Row('x', 'x', '', (System('x', fail),), 's', at_most=1.0)
+
+@contextmanager
+def fails_in_its_turn(bench):
+    def measure():
+        raise RuntimeError('no')
+    yield measure
+
+
+@contextmanager
+def fails_at_the_end(bench):
+    yield lambda: {'s': 0.5}
+    raise RuntimeError('no')
+
+
+@pytest.mark.parametrize('start', [fails_to_start, fails_in_its_turn, fails_at_the_end])
+def test_a_measurement_that_fails_misses_its_target(start, capsys):
+    row = Row('x', 'x', '', (System('x', start),), 's', at_most=1.0)
     result, = Bench(measurements.Scale(repeats=2)).measure([row])
     assert not result['met']
-    assert result['median'] is None
     assert 'x could not be measured' in capsys.readouterr().err
+
+
+def test_of_lost_messages_the_worst_turn_counts():
+    row, = (row for row in all_rows() if row.name == 'lost')
+    system, = row.systems
+    assert not row.conclude({system: [{'lost': 0}, {'lost': 0}, {'lost': 3}]})['met']
+    assert row.conclude({system: [{'lost': 0}] * 3})['met']
+
+
+@pytest.mark.parametrize(('limit', 'found', 'tried'), [
+    (2200, 2000, [2500, 2500]), (700, 500, [2000, 2000, 1500, 1500, 1000, 1000, 500]),
+    (10, 0, None), (1e9, 6000, [2500, 3000, 4000, 5000, 6000])])
+def test_the_highest_rate_is_looked_for_upwards_or_downwards(limit, found, tried):
+    def run(rate):
+        good = rate <= limit
+        return {'rate': rate, 'on time': 1.0 if good else 0.5, 'fresh': 1.0, 'oldest [steps]': 1}
+
+    rate, rungs = measurements.highest_rate(2000, limit >= 2000, run)
+    assert rate == found
+    assert tried is None or [rung['rate'] for rung in rungs] == tried
 
 
 def test_the_median_counts():
@@ -102,6 +143,34 @@ def test_a_wrong_call_is_refused(arguments, expected, capsys):
     assert error.count('\n') == 1
 
 
+def test_what_was_kept_can_be_read_and_printed_for_the_readme(instant, tmp_path, capsys):
+    file = tmp_path / 'bench.json'
+    bench('--only', 'ceiling', '--only', 'highest-fair', '--json', file)
+    capsys.readouterr()
+    instant.clear()
+    assert bench('--read', file, '--markdown') == 0
+    assert not instant, 'nothing is measured'
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith('|')]
+    assert [row.split(' | ')[0] for row in rows] == [
+        '| row', '| ---', '| ceiling', '| highest-fair']
+    assert rows[2].endswith('| >= 0.65 x | met |')
+    assert rows[3].endswith('|  |  |'), 'no target, no verdict'
+
+
+@pytest.mark.parametrize(('text', 'expected'), [
+    (None, 'No such file'), ('{', 'is not what'), ('{"rows": [{}]}', 'is not what'),
+    ('[]', 'is not what')])
+def test_a_file_that_is_none_of_its_own_is_refused(text, expected, tmp_path, capsys):
+    file = tmp_path / 'bench.json'
+    if text is not None:
+        file.write_text(text)
+    assert bench('--read', file) == 2
+    error = capsys.readouterr().err
+    assert expected in error
+    assert str(file) in error
+    assert error.count('\n') == 1
+
+
 def test_without_the_source_tree_it_says_so(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(measurements, 'WORKER', tmp_path / 'worker.py')
     assert bench() == 2
@@ -113,18 +182,21 @@ def test_the_rows_are_listed(capsys):
     assert len(capsys.readouterr().out.splitlines()) == len(all_rows())
 
 
-@pytest.mark.parametrize('row', ['ceiling', 'drift', 'help'])
-def test_a_row_is_measured_in_processes_of_its_own(row, tmp_path):
+@pytest.mark.parametrize(('row', 'seconds'), [
+    ('ceiling', 0.2), ('objects', 0.2), ('watched', 0.2), ('processes', 0.2), ('drift', 0.002),
+    ('growth', 0.01), ('machine', 0.05), ('help', 0.2)])
+def test_a_row_is_measured_in_processes_of_its_own(row, seconds, tmp_path):
     file = tmp_path / 'bench.json'
-    assert bench('--only', row, '--seconds', 0.2, '--repeats', 1, '--report-only',
+    assert bench('--only', row, '--seconds', seconds, '--repeats', 1, '--report-only',
                  '--json', file) == 0
     result, = json.loads(file.read_text())['rows']
-    assert result['median'] > 0.0
+    assert result['median'] is not None
     assert None not in result['measured']
 
 
-def test_real_time_is_measured_in_six_processes():
-    figures = Bench(measurements.Scale(realtime=0.3)).realtime(rate=200)
+def test_real_time_is_measured_in_six_processes(monkeypatch):
+    monkeypatch.setattr(measurements, 'LADDER', (250, 500))
+    figures = Bench(measurements.Scale(realtime=0.3)).realtime('tetra', 250)
     assert figures['steps'] > 20
     assert 0.0 < figures['fresh'] <= 1.0
     assert figures['oldest [steps]'] >= 1

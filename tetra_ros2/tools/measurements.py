@@ -13,7 +13,7 @@ counts.
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 import json
 import math
 import os
@@ -42,11 +42,8 @@ OTHERS = "others' cores"
 ON_TIME, FRESH, OLDEST = 0.99, 0.99, 10
 """What real time is to hold: shares of steps and of commands, and an age in steps."""
 
-LADDER = (1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000)
-"""The rates [Hz] that are tried, upwards for as long as they hold."""
-
-OBJECTS_LADDER = (1000, 500, 250, 100)
-"""The same for the default executor, downwards until one holds."""
+LADDER = (50, 100, 250, 500, 1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000)
+"""The rates [Hz] that are tried, one after the other: up while they hold, else down."""
 
 PRIORITY = ('chrt', '--fifo', '20')
 """How a process is given priority in real time: README.md tells its users to do the same."""
@@ -72,8 +69,8 @@ class Scale:
     repeats: int = 40
     realtime: float = 60.0
     steps: int = 10_000_000
-    rounds: int = 20_000
-    budget: float = 270.0
+    rounds: int = 10_000
+    budget: float = 280.0
 
 
 THOROUGH = Scale(0.25, 200, 60.0, 10_000_000, 1_000_000, math.inf)
@@ -88,12 +85,12 @@ class System:
     :param start: called with a :class:`Bench`, returns a context manager that has the system
         running and gives a function without arguments that measures it and returns a mapping of
         figures
-    :param most: how often to measure it, however many repeats are wanted
+    :param most: how often to measure it, however many repeats are wanted; None if it takes turns
     """
 
     name: str
     start: object
-    most: int = 1_000_000
+    most: int | None = None
 
 
 def once(name, measure, most=1):
@@ -159,6 +156,7 @@ class Row:
             'reference': sides[1] if len(sides) == 2 else None, 'values': values,
             'median': self.judge(values) if values else None,
             'spread': [min(values), max(values)] if values else None,
+            'middle': _middle_half(values) if values else None,
             'details': {s.name: figures[s] for s in self.systems},
         }
         result['met'] = not failed and self._is_met(result['median'])
@@ -183,17 +181,21 @@ def all_rows():
     """Return all rows, those that share a system next to each other."""
     one = {style: System(f'{style}, one process', partial(Bench.rounds, style=style))
            for style in ('tetra', 'objects', 'bytes')}
-    many = {n: System(f'tetra, n = {n}', partial(Bench.rounds, n=n)) for n in (4, 8, 16, 32)}
+    many = {(style, n): System(f'{style}, n = {n}', partial(Bench.rounds, style=style, n=n))
+            for style, n in (('tetra', 4), ('tetra', 8), ('tetra', 16), ('tetra', 32),
+                             ('bytes', 4), ('bytes', 32))}
     six = {style: System(f'{style}, six processes', partial(Bench.six, style=style))
            for style in ('tetra', 'bytes')}
     watched = System('tetra with monitor and recorder', Bench.watched)
-    real = once('tetra, real time', Bench.realtime)
-    highest = {style: once(f'{style}, highest rate', partial(Bench.highest, style=style))
-               for style in ('tetra', 'bytes', 'objects')}
-    fair = once('tetra, highest rate, no priority', partial(Bench.highest, priority=()))
-    batch = {key: System(f'batch, {key}', partial(Bench.batch, style=style, threads=threads))
-             for key, style, threads in (('one core', 'tetra', 1), ('two cores', 'tetra', 2),
-                                         ('SciPy', 'scipy', 1), ('numpy', 'numpy', 1))}
+    real = once('tetra, real time', partial(Bench.realtime, style='tetra', first=2000))
+    fair = once('tetra, real time, no priority',
+                partial(Bench.realtime, style='tetra', first=1000, priority=False, seconds=0.0))
+    plain = once('objects, real time',
+                 partial(Bench.realtime, style='objects', first=250, seconds=0.0))
+    batch = {'two cores': System('batch, two cores', partial(Bench.batch, threads=2)),
+             **{key: System(f'batch, {key}', partial(Bench.batch, style=style, core=1))
+                for key, style in (('one core', 'tetra'), ('SciPy', 'scipy'),
+                                   ('numpy', 'numpy'))}}
     twice = System('batch, two processes', Bench.two_processes)
     memory = once('memory of an agent', Bench.agent_memory)
     bare = once('memory of a bare node', Bench.bare_memory)
@@ -218,14 +220,14 @@ def all_rows():
         Row('oldest', 'oldest command applied, same run', '', (real,), 'oldest [steps]',
             'steps', at_most=OLDEST),
         Row('highest', 'highest rate that holds these three',
-            'default executor, message objects', (highest['tetra'], highest['objects']), 'rate',
+            'default executor, message objects', (real, plain), 'rate', 'Hz'),
+        Row('highest-fair', 'the same without priority', 'with it', (fair, real), 'rate',
             'Hz'),
-        Row('highest-ceiling', 'the same', 'events executor, raw bytes, no mathematics',
-            (highest['tetra'], highest['bytes']), 'rate', 'Hz'),
-        Row('highest-fair', 'the same without priority', 'with it', (fair, highest['tetra']),
-            'rate', 'Hz'),
         *(Row(f'n{n}', f'processor time per message, n = {n}, one process', 'n = 4',
-              (many[n], many[4]), 'us/message', 'us', at_most=1.5) for n in (8, 16, 32)),
+              (many['tetra', n], many['tetra', 4]), 'us/message', 'us', at_most=1.5)
+          for n in (8, 16, 32)),
+        Row('ceiling-n32', 'the same, n = 32, raw bytes, no mathematics', 'n = 4',
+            (many['bytes', 32], many['bytes', 4]), 'us/message', 'us'),
         Row('scipy', 'trajectories/s to a final error of 1e-6, one core',
             'SciPy solve_ivp, DOP853', (batch['one core'], batch['SciPy']), per_core, '1/s',
              at_least=150.0),
@@ -281,20 +283,25 @@ class Bench:
         return [results[row.name] for row in rows]
 
     def _turns(self, systems):
-        return min(self.scale.repeats, max(system.most for system in systems))
+        return max(self.scale.repeats if system.most is None
+                   else min(system.most, self.scale.repeats) for system in systems)
 
     def _take_turns(self, systems, turns, end):
         """Start systems, and measure them one after the other, again and again."""
         with ExitStack() as running:
             measures = {system: running.enter_context(self._running(system, found))
                         for system, found in systems.items()}
+            # They start all at once; the first turn waits until they have, and warms them up.
+            for system in systems:
+                if system.most is None and measures[system] is not None:
+                    self._measure(system, measures[system])
             begun = time.monotonic()
             for turn in range(turns):
                 left = end - time.monotonic()
                 if turn and left < (time.monotonic() - begun) / turn:
                     break
                 for system, found in systems.items():
-                    if turn < system.most and measures[system] is not None:
+                    if measures[system] is not None and turn < (system.most or turns):
                         found.append(self._measure(system, measures[system]))
 
     @contextmanager
@@ -393,8 +400,15 @@ class Bench:
     def _contestant(self, *arguments, environment=None):
         """Run a worker that takes turns; it gives a function that measures for one turn."""
         with self._worker(*arguments, environment=environment) as answer:
-            answer()  # that it is ready
-            yield partial(answer, self.scale.seconds, TIMEOUT + 10.0 * self.scale.seconds)
+            ready = []
+
+            def measure():
+                if not ready:
+                    answer()
+                    ready.append(True)
+                return answer(self.scale.seconds, TIMEOUT + 10.0 * self.scale.seconds)
+
+            yield measure
 
     @contextmanager
     def _five(self, style, namespace, environment, prefix=()):
@@ -412,6 +426,8 @@ class Bench:
             # Nobody's time depends on the monitor's.
             stack.enter_context(self._process(monitor, environment))
             yield processes
+            for process in processes:  # all at once; the stack waits for one after the other
+                process.send_signal(signal.SIGINT)
 
     def rounds(self, style='tetra', n=4):
         """Lockstep in one process."""
@@ -431,46 +447,38 @@ class Bench:
                 'rounds', style, '--alone', *namespace, environment=environment) as measure:
             yield measure
 
-    def realtime(self, style='tetra', rate=2000, seconds=None, priority=PRIORITY):
-        """Real time in six processes."""
+    def realtime(self, style, first, priority=True, seconds=None):
+        """
+        Real time in six processes; plant and agents have priority, if that is permitted.
+
+        :param first: the rate at which it is measured first, and from which on the highest rate
+            is looked for that it holds [Hz]
+        :param seconds: for how long at the first rate; 0 for no longer than at the others
+        """
         namespace, environment = self._place()
-        seconds = seconds or self.scale.realtime
-        if priority and subprocess.run(
-                [*priority, 'true'], stderr=subprocess.DEVNULL, check=False).returncode:
-            raise RuntimeError(f'`{" ".join(priority)}` is not permitted')
-        with self._five(style, namespace, environment, priority), self._worker(
-                'realtime', style, '--rate', rate, '--seconds', seconds, '--warmup', 1.0,
-                *namespace, environment=environment, prefix=priority) as answer:
-            return answer(timeout=TIMEOUT + 10.0 * seconds)
+        prefix = PRIORITY if priority and may_have_priority() else ()
+        short = min(8.0 * self.scale.seconds, self.scale.realtime)
+        with self._five(style, namespace, environment, prefix), self._worker(
+                'realtime', style, *namespace, environment=environment, prefix=prefix) as answer:
+            answer()  # that it is ready
 
-    def highest(self, style='tetra', priority=PRIORITY):
-        """Look for the highest rate that is held in real time."""
-        rungs, best = [], 0
-        upwards = style != 'objects'
-        for rate in LADDER if upwards else OBJECTS_LADDER:
-            holds = self._climb(style, rate, rungs, priority)
-            if not holds and upwards:
-                # Once, as a neighbour's burst is not the system's limit.
-                holds = self._climb(style, rate, rungs, priority)
-            if holds:
-                best = rate
-            if holds != upwards:
-                break
-        return {'rate': best, 'rungs': rungs}
+            def run(rate, seconds):
+                return {'rate': rate, **answer(f'{seconds} {rate}', TIMEOUT + 10.0 * seconds)}
 
-    def _climb(self, style, rate, rungs, priority):
-        seconds = min(8.0 * self.scale.seconds, self.scale.realtime)
-        rungs.append({'rate': rate, **self.realtime(style, rate, seconds, priority)})
-        return _holds(rungs[-1])
+            seconds = self.scale.realtime if seconds is None else max(seconds, short)
+            figures = run(first, seconds)
+            rate, rungs = highest_rate(first, _holds(figures), lambda rate: run(rate, short))
+        return {**figures, 'rate': rate, 'rungs': rungs}
 
-    def batch(self, style, threads):
-        """Trajectories."""
-        return self._contestant('batch', style, '--threads', threads)
+    def batch(self, style='tetra', threads=1, core=None):
+        """Trajectories; see ``benchmarks/trajectories.py``."""
+        where = () if core is None else ('--core', core)
+        return self._contestant('batch', style, '--threads', threads, *where)
 
     @contextmanager
     def two_processes(self):
         """Trajectories in two processes that know nothing of each other."""
-        with self.batch('tetra', 1) as first, self.batch('tetra', 1) as second, \
+        with self.batch(core=0) as first, self.batch(core=1) as second, \
                 ThreadPoolExecutor(2) as threads:
             def measure():
                 both = [f.result() for f in [threads.submit(first), threads.submit(second)]]
@@ -527,6 +535,52 @@ class Bench:
         ended = resource.getrusage(resource.RUSAGE_CHILDREN)
         return ended.ru_utime + ended.ru_stime + sum(
             _processor_time(process.pid) for process in self._processes)
+
+
+@cache
+def may_have_priority():
+    """Return whether this machine lets us give a process priority in real time."""
+    try:
+        subprocess.run([*PRIORITY, 'true'], capture_output=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return False
+    return True
+
+
+def highest_rate(first, holds_first, run):
+    """
+    Look for the highest rate of LADDER that is held, up from a first one or down.
+
+    :param holds_first: whether the first one was
+    :param run: called with a rate [Hz], returns the figures of a run
+    :returns: the rate, or 0, and the figures of all runs
+    """
+    rungs = []
+
+    def holds(rate):
+        # Twice, as a neighbour's burst is not the system's limit.
+        for _ in range(2):
+            rungs.append(run(rate))
+            if _holds(rungs[-1]):
+                return True
+        return False
+
+    k = LADDER.index(first)
+    if holds_first or holds(first):
+        while k + 1 < len(LADDER) and holds(LADDER[k + 1]):
+            k += 1
+    else:
+        k -= 1
+        while k >= 0 and not holds(LADDER[k]):
+            k -= 1
+    return LADDER[k] if k >= 0 else 0, rungs
+
+
+def _middle_half(values):
+    """Return between which two values the middle half of all is."""
+    values = sorted(values)
+    outside = len(values) // 4
+    return [values[outside], values[-1 - outside]]
 
 
 def _groups(rows):
