@@ -31,14 +31,30 @@ STATE = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
 PERIOD_NS = 10_000_000
 
 
-class ObjectPlant(Node):
-    """The plant's half of a round, with message objects."""
+class PlantOfSteps(Node):
+    """What both styles have in common: steps are begun one after the other until a pause."""
 
-    def __init__(self, n, **kwargs):
+    def __init__(self, **kwargs):
         super().__init__('plant', **kwargs)
         self.steps = 0
         self.stamp = 0
         self._paused = True
+
+    def pause(self):
+        """Begin no step any more."""
+        self._paused = True
+
+    def resume(self):
+        """Begin the next step."""
+        self._paused = False
+        self._begin()
+
+
+class ObjectPlant(PlantOfSteps):
+    """The plant's half of a round, with message objects."""
+
+    def __init__(self, n, **kwargs):
+        super().__init__(**kwargs)
         self._missing = set()
         self._everybody = {*range(1, n + 1)}
         self._state = self.create_publisher(PoseArray, 'formation/attitudes', STATE)
@@ -54,15 +70,6 @@ class ObjectPlant(Node):
         state.header.frame_id = 'world'
         state.poses = [Pose() for _ in range(n)]
         self._state_message = state
-
-    def pause(self):
-        """Begin no step any more."""
-        self._paused = True
-
-    def resume(self):
-        """Begin the next step."""
-        self._paused = False
-        self._begin()
 
     def _begin(self):
         if self._paused:
@@ -157,14 +164,11 @@ def raw_publish(node, message_type, topic, profile):
     return node.create_publisher(message_type, topic, profile).handle.publish_raw
 
 
-class BytePlant(Node):
+class BytePlant(PlantOfSteps):
     """The plant's half of a round, with bytes that only differ in their stamp."""
 
     def __init__(self, n, **kwargs):
-        super().__init__('plant', **kwargs)
-        self.steps = 0
-        self.stamp = 0
-        self._paused = True
+        super().__init__(**kwargs)
         self._waiting = 0
         self._n = n
         measurement, state = Vector3Stamped(), PoseArray()
@@ -180,15 +184,6 @@ class BytePlant(Node):
         for i in range(1, n + 1):
             self.create_subscription(
                 TwistStamped, f'agent_{i}/cmd_vel', self._on_command, COMMANDS, raw=True)
-
-    def pause(self):
-        """Begin no step any more."""
-        self._paused = True
-
-    def resume(self):
-        """Begin the next step."""
-        self._paused = False
-        self._begin()
 
     def _begin(self):
         if self._paused:
