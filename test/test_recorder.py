@@ -218,6 +218,20 @@ def test_a_full_disk_is_said_in_one_line(tmp_path, processes, probe):
     assert 'Traceback' not in output
 
 
+def test_a_recorder_whose_writer_is_gone_goes_on_and_keeps_nothing(tmp_path):
+    with Launcher('complete', record=tmp_path / 'bag') as formation:
+        formation.run_for(1.0)
+        recorder = formation.recorder
+        recorder._writer._process.kill()
+        recorder._writer._process.wait()
+        recorder._recorded.clear()  # all topics are new to it once more
+        recorder.discover()
+        assert recorder.exit_status == 1
+        formation.run_for(10.0)
+        recorder._on_timer()
+        assert not recorder._batch
+
+
 def test_a_path_that_cannot_be_made_is_refused(tmp_path):
     (tmp_path / 'file').write_text('')
     status, _, errors = run('recorder', '--output', tmp_path / 'file' / 'bag')

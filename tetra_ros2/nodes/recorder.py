@@ -132,7 +132,9 @@ class Recorder(FormationNode):
     def _pass_on(self):
         """Hand what has come to the process that writes."""
         batch = self._batch
-        if not batch or self._writer is None:
+        if self._writer is None:
+            batch.clear()
+        if not batch:
             return
         try:
             self._writer.write(batch)
@@ -148,9 +150,9 @@ class Recorder(FormationNode):
 
     def discover(self):
         """Begin to record those of the wanted topics that have appeared."""
-        if self._writer is None:
-            return
         for topic, types in self.get_topic_names_and_types():
+            if self._writer is None:  # even the last topic may have been one too many
+                return
             if topic in self._recorded or not self._wanted.fullmatch(topic):
                 continue
             publishers = self.get_publishers_info_by_topic(topic)
