@@ -27,7 +27,14 @@ from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.nodes.plant import Plant
 from tetra_ros2.parameters import check_parameters, ConfigurationError, PARAMETERS
 from tetra_ros2.ros import names
-from tetra_ros2.ros.executor import initialize, local_by_default, make_executor, spin_some
+from tetra_ros2.ros.executor import (
+    initialize,
+    local_by_default,
+    look_for_signals,
+    make_executor,
+    SPIN_PERIOD,
+    spin_some,
+)
 from tetra_ros2.ros.executor import ros_arguments as arguments_of
 
 DISCOVERY_TIMEOUT = 20.0
@@ -121,6 +128,7 @@ class Launcher:
         initialize(self._context, self._for_context)
         self.executor = make_executor(self._context)
         self.monitor = self._add(Monitor, 'monitor')
+        look_for_signals(self.monitor)
         agents = {names.agent(i): i for i in range(1, self.formation.topology.n + 1)}
         for name in sorted(self._without - {names.PLANT, *agents}):
             raise ConfigurationError(
@@ -259,7 +267,7 @@ class Launcher:
     def _spin(self, future, stall_timeout):
         seen, since = None, time.monotonic()
         while not future.done():
-            spin_some(self.executor, future)
+            spin_some(self.executor, future, min(stall_timeout, SPIN_PERIOD))
             count = self.monitor.observer.count
             if count != seen:
                 seen, since = count, time.monotonic()
