@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 
 from tetra_ros2.formation.checks import Rejected
@@ -183,3 +184,18 @@ def test_only_the_last_numbers_of_a_template_change(values):
     message = deserialize_message(encode(*values), Float64MultiArray)
     assert same(tuple(message.data), values)
     assert message.layout == template.layout
+
+
+@given(stamps)
+def test_the_time_of_a_clock_is_read_as_rclpy_writes_it(stamp):
+    clock = Clock(clock=Time(sec=stamp // 1_000_000_000, nanosec=stamp % 1_000_000_000))
+    message = serialize_message(clock)
+    assert cdr.time(message) == stamp
+    assert cdr.head(stamp) == message
+    assert cdr.time(b'\0\0\0\0' + struct.pack('>iI', *divmod(stamp, 1_000_000_000))) == stamp
+
+
+@given(st.binary(max_size=11))
+def test_a_clock_that_is_too_short_is_malformed(message):
+    with pytest.raises(Rejected, match=Rejected.MALFORMED):
+        cdr.time(message)

@@ -5,6 +5,7 @@
 
 from collections import Counter, defaultdict
 import sqlite3
+import time
 
 from geometry_msgs.msg import PoseArray
 from harness import interrupt, run, values
@@ -14,12 +15,15 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 from rosbags.typesys import get_typestore, Stores
-from std_msgs.msg import String
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64, String
+from test_wire import Bench
 import yaml
 
 from tetra_ros2 import launcher
 from tetra_ros2.formation import measures, shapes
 from tetra_ros2.launcher import Launcher
+from tetra_ros2.nodes.recorder import Recorder
 from tetra_ros2.parameters import ConfigurationError
 
 EXPECTED = {
@@ -162,6 +166,115 @@ def test_chosen_topics_by_name_and_by_regular_expression(tmp_path, processes, pr
     assert types['/chatter'] == 'std_msgs/msg/String'
 
 
+def recorded(bench, topic, count):
+    """Wait until so many messages of a topic are recorded."""
+    bench.wait_for(lambda: bench.node.counts.get(f'/{topic}', 0) == count, f'{count} of {topic}')
+
+
+def in_file(path):
+    """Return topic, log time and bytes of all messages, in the order in which they are there."""
+    file, = path.glob('*.mcap')
+    with file.open('rb') as stream:
+        return [(channel.topic, message.log_time, message.data) for _, channel, message
+                in make_reader(stream).iter_messages(log_time_order=False)]
+
+
+def test_messages_are_recorded_in_the_order_and_at_the_time_they_came(tmp_path, probe):
+    path = tmp_path / 'bag'
+    with Bench(probe, Recorder, output=str(path), topics=['a', 'b']) as bench:
+        publishers = [probe.node.create_publisher(Float64, topic, 1000) for topic in ('a', 'b')]
+        bench.wait_for(lambda: len(bench.node.inputs) == 2, 'both subscriptions')
+        publishers = [bench.publisher(Float64, topic) for topic in ('a', 'b')]
+        sent = []
+        for k in range(100):
+            # A pattern that neither topic by topic nor turn by turn would have.
+            topic = k * k // 3 % 2
+            before = time.time_ns()
+            publishers[topic].publish(Float64(data=float(k)))
+            sent.append((before, time.time_ns()))
+        bench.wait_for(lambda: sum(bench.node.counts.values()) == 100, 'all of them')
+    found = in_file(path)
+    assert [deserialize_message(data, Float64).data for _, _, data in found] == [*range(100)]
+    assert all(before <= at for (before, _), (_, at, _) in zip(sent, found))
+    assert found[0][1] <= sent[1][0] + 1e9
+
+
+def test_what_was_sent_again_is_not_put_behind_what_follows_it(tmp_path, probe):
+    path = tmp_path / 'bag'
+    with Bench(probe, Recorder, output=str(path), topics=['a']) as bench:
+        publisher = probe.node.create_publisher(Float64, 'a', 10)
+        bench.wait_for(lambda: bench.node.inputs, 'the subscription')
+        # DDS hands them out in order, but the second one came last, and of one it knows nothing.
+        came = iter([(b'\0\1\0\0first...', 10, 0), (b'\0\1\0\0second..', 30, 0),
+                     (b'\0\1\0\0third...', 20, 0), (b'\0\1\0\0fourth..', 0, 40)])
+
+        def take(*_):
+            message, received, source = next(came, (None, 0, 0))
+            return message and (message, {'received_timestamp': received,
+                                          'source_timestamp': source})
+
+        bench.node._queues[:] = [(0, take, Float64)]
+        recorded(bench, 'a', 4)
+        del publisher
+    assert [(at, data[4:].rstrip(b'.')) for _, at, data in in_file(path)] == [
+        (10, b'first'), (30, b'second'), (30, b'third'), (40, b'fourth')]
+
+
+def test_what_came_while_topics_were_read_waits_for_what_came_before_it(tmp_path, probe):
+    path = tmp_path / 'bag'
+    with Bench(probe, Recorder, output=str(path), topics=['a']) as bench:
+        publisher = probe.node.create_publisher(Float64, 'a', 10)
+        bench.wait_for(lambda: bench.node.inputs, 'the subscription')
+        # The first topic gets its message when it has been read already, and the second is.
+        times = []
+
+        def first(*_):
+            return (b'1', {'received_timestamp': times.pop()}) if times else None
+
+        def second(*_):
+            now = time.time_ns()
+            if second.messages:
+                times.append(now)
+            return second.messages and (
+                second.messages.pop(), {'received_timestamp': now + 1}) or None
+
+        second.messages = [b'2']
+        bench.node._queues[:] = [(0, first, Float64), (0, second, Float64)]
+        recorded(bench, 'a', 2)
+        del publisher
+    assert [data for _, _, data in in_file(path)] == [b'1', b'2']
+
+
+@pytest.mark.parametrize('topics', [['chatter'], ['chatter', '/clock']])
+def test_with_sim_time_messages_are_filed_under_the_time_of_the_clock(topics, tmp_path, probe):
+    path = tmp_path / 'bag'
+    with Bench(probe, Recorder, output=str(path), topics=topics, use_sim_time=True) as bench:
+        publishers = [probe.node.create_publisher(t, n, 10)
+                      for t, n in ((Clock, '/clock'), (String, 'chatter'))]
+        bench.wait_for(lambda: len(bench.node.inputs) == 2, 'both subscriptions')
+        bench.wait_for(lambda: all(s.get_publisher_count() for s in bench.node.inputs)
+                       and all(p.get_subscription_count() for p in publishers), 'both ends')
+        clock, chatter = publishers
+
+        def tick(sec):
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = sec, 7
+            clock.publish(message)
+
+        chatter.publish(String(data='no time yet'))
+        tick(5)
+        for word in 'one', 'two':
+            chatter.publish(String(data=word))
+        tick(6)
+        chatter.publish(String(data='three'))
+        recorded(bench, 'chatter', 3)
+    assert [(at, deserialize_message(data, String).data) for topic, at, data in in_file(path)
+            if topic == '/chatter'] == [
+        (5_000_000_007, 'one'), (5_000_000_007, 'two'), (6_000_000_007, 'three')]
+    clocks = [at for topic, at, _ in in_file(path) if topic == '/clock']
+    assert clocks == ([5_000_000_007, 6_000_000_007] if '/clock' in topics else [])
+
+
 def test_an_existing_path_is_never_written_to(tmp_path):
     path = tmp_path / 'bag'
     path.mkdir()
@@ -224,12 +337,12 @@ def test_a_recorder_whose_writer_is_gone_goes_on_and_keeps_nothing(tmp_path):
         recorder = formation.recorder
         recorder._writer._process.kill()
         recorder._writer._process.wait()
-        recorder._recorded.clear()  # all topics are new to it once more
+        recorder._heard.clear()  # all topics are new to it once more
         recorder.discover()
         assert recorder.exit_status == 1
         formation.run_for(10.0)
-        recorder._on_timer()
-        assert not recorder._batch
+        assert not recorder.inputs
+        assert not [*recorder._queues, *recorder._ahead]
 
 
 def test_a_path_that_cannot_be_made_is_refused(tmp_path):

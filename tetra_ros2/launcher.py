@@ -149,8 +149,7 @@ class Launcher:
             from tetra_ros2.nodes.recorder import Recorder
             # In lockstep the recording is as reproducible as the run if it goes by its time.
             lockstep = self.plant is not None and self.plant.mode == 'lockstep'
-            now = (lambda: self.plant.time.stamp) if lockstep else None
-            self.recorder = self._add(Recorder, 'recorder', now=now)
+            self.recorder = self._add(Recorder, 'recorder', sim_time=lockstep)
             self._discover()
         if self.plant is not None:
             self.plant.time.start()

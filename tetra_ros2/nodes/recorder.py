@@ -12,27 +12,30 @@ from collections import Counter
 from contextlib import suppress
 from datetime import datetime
 from importlib import import_module
+from operator import itemgetter
 from pathlib import Path
 import re
 import shutil
+import time
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 import rosbags  # noqa: F401, to miss it here and not in the process that writes
 
 from tetra_ros2.configuration import check_new
+from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.nodes.bag_writer import BagError, BagWriter
 from tetra_ros2.parameters import ConfigurationError
-from tetra_ros2.ros import diagnostics, executor, names, parameters
+from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters
 from tetra_ros2.ros.node import FormationNode
 
 DISCOVERY_PERIOD = 0.1
-"""How often to look for topics that have appeared, and to pass on what has come [s]."""
+"""How often to look for topics that have appeared [s]."""
 
-BATCH = 512
-"""How many messages are passed on together."""
+READING_PERIOD = 0.01
+"""How often to read what has come [s]."""
 
 DEPTH = 10000
-"""How many messages of a topic may wait to be received."""
+"""How many messages of a topic may wait to be read."""
 
 
 class Recorder(FormationNode):
@@ -42,27 +45,40 @@ class Recorder(FormationNode):
     Messages are filed under the time of their arrival; with ``use_sim_time`` that is the time of
     /clock, and recording begins with the first of it.
 
-    :param now: where else to take the time from: returns it in nanoseconds, 0 for not yet
+    It does not have the executor call it for each message, which would cost as much again as the
+    message: DDS notes when it came, and now and then all that have come are read.
+
+    :param sim_time: whether to go by /clock even without the parameter, which makes rclpy take
+        every message of it apart
     :param kwargs: what rclpy's Node takes beside its name
     :raises ConfigurationError: if a parameter is not valid, or the output cannot be made; an
         existing path is never written to
     """
 
-    def __init__(self, *, now=None, **kwargs):
+    def __init__(self, *, sim_time=False, **kwargs):
         super().__init__(names.RECORDER, **kwargs)
         values = parameters.declare(self, 'recorder', self._accept, lambda _: None)
         self._wanted = re.compile('|'.join(f'(?:{p})' for p in self._patterns(values)))
         self.path = Path(values['output'] or f'tetra_{datetime.now():%Y_%m_%d-%H_%M_%S}')
         self.exclusive_inputs = False
-        self._now = now or (lambda: self.get_clock().now().nanoseconds)
+        sim_time = sim_time or self.get_parameter('use_sim_time').value
+        self._sim_time = 0 if sim_time else None  # what /clock said last [ns], 0 for nothing yet
+        self._number_of_clock = None  # the number of that topic, None if it is not to be recorded
         self._recorded = []  # topics, by the number that the writer gave them
-        self._refused = set()
-        self._batch = []  # what has come and was not passed on yet
-        self._passed_on = Counter()  # how many messages, by the topic's number
+        self._heard, self._refused = set(), set()  # topics, and those that cannot be recorded
+        self._queues = []  # for each: its number, what takes a message out, the message type
+        self._ahead = []  # what came while the last reading went on
+        self._written = Counter()  # how many messages, by the topic's number
         self._writer = self._open(values['storage'])
         self.report_health()
-        self.create_steady_timer(DISCOVERY_PERIOD, self._on_timer)
+        self.create_steady_timer(DISCOVERY_PERIOD, self.discover)
+        self.create_steady_timer(READING_PERIOD, self._read)
         self.discover()
+
+    @property
+    def subscriptions(self):
+        """Give the subscriptions that an executor is to look after: none that is recorded."""
+        return (s for s in super().subscriptions if s not in self.inputs)
 
     def _accept(self, values):
         try:
@@ -95,7 +111,8 @@ class Recorder(FormationNode):
 
     def close(self):
         """End the recording; what has come so far is all there, and the bag is complete."""
-        self._pass_on()
+        self._read()
+        self._write(self._ahead)
         if self._writer is None:
             return
         try:
@@ -103,7 +120,7 @@ class Recorder(FormationNode):
         except BagError as error:
             self._fail(error)
             return
-        self._writer = None
+        self._end()
         self.get_logger().info(
             f'{sum(self.counts.values())} messages of {len(self.counts)} topics are in '
             f'{self.path}')
@@ -112,59 +129,95 @@ class Recorder(FormationNode):
         """Record nothing after all: the directory goes, which was made for this recording."""
         if self._writer is not None:
             self._writer.abort()
-            self._writer = None
+            self._end()
             shutil.rmtree(self.path)
 
     def _fail(self, error):
         """Give up recording: what is on the disk stays there, and may have to be recovered."""
         self._writer.abort()
-        self._writer = None
-        self._batch.clear()
+        self._end()
         self.exit_status = 1
         self.get_logger().error(f'{self.path} cannot be written any more: {error}')
+
+    def _end(self):
+        """Listen no more: what nobody reads would pile up."""
+        self._writer = None
+        self._queues.clear()
+        self._ahead.clear()
+        while self.inputs:
+            self.destroy_subscription(self.inputs.pop())
 
     @property
     def counts(self):
         """Return how many messages of each topic were recorded."""
-        self._pass_on()
-        return {topic: self._passed_on[k] for k, topic in enumerate(self._recorded)}
+        self._read()
+        return {topic: self._written[k] for k, topic in enumerate(self._recorded)}
 
-    def _pass_on(self):
-        """Hand what has come to the process that writes."""
-        batch = self._batch
-        if self._writer is None:
-            batch.clear()
-        if not batch:
+    def _follow(self, message):
+        try:
+            self._sim_time = cdr.time(message)
+        except Rejected as rejection:
+            self.health.reject(rejection, names.CLOCK)
+
+    def _read(self):
+        """Have all that has come written, in the order in which it came."""
+        come, self._ahead = self._ahead, []
+        begun = time.time_ns()
+        for number, take, message_type in self._queues:
+            latest = 0
+            while (taken := take(message_type, True)) is not None:
+                message, info = taken
+                # Not every middleware tells when a message came.
+                at = info['received_timestamp'] or info['source_timestamp']
+                if at > latest:  # else it was sent again, and was not to be read before this one
+                    latest = at
+                # What came since this began may have followed something on a topic that was read
+                # before, so it waits for that.
+                (come if latest <= begun else self._ahead).append((latest, number, message))
+        self._write(come)
+
+    def _write(self, come):
+        """Have messages written: lists of when they came [ns], topic and bytes."""
+        come.sort(key=itemgetter(0))
+        messages = []
+        for at, number, message in come:
+            if self._sim_time is not None:
+                if number == self._number_of_clock:
+                    self._follow(message)
+                at = self._sim_time
+            if at and number is not None:
+                messages.append((number, at, message))
+        if not messages or self._writer is None:
             return
         try:
-            self._writer.write(batch)
+            self._writer.write(messages)
         except BagError as error:
             self._fail(error)
             return
-        self._passed_on.update([number for number, _, _ in batch])
-        batch.clear()
-
-    def _on_timer(self):
-        self._pass_on()
-        self.discover()
+        self._written.update([number for number, _, _ in messages])
 
     def discover(self):
         """Begin to record those of the wanted topics that have appeared."""
         for topic, types in self.get_topic_names_and_types():
             if self._writer is None:  # even the last topic may have been one too many
                 return
-            if topic in self._recorded or not self._wanted.fullmatch(topic):
+            wanted = self._wanted.fullmatch(topic)
+            if topic in self._heard or (topic, types[0]) in self._refused or not (
+                    wanted or self._goes_by(topic)):
                 continue
-            publishers = self.get_publishers_info_by_topic(topic)
-            if publishers and (topic, types[0]) not in self._refused:
-                self._record(topic, types[0], publishers)
+            if publishers := self.get_publishers_info_by_topic(topic):
+                self._listen(topic, types[0], publishers, wanted)
 
-    def _record(self, topic, type_name, publishers):
+    def _goes_by(self, topic):
+        return topic == names.CLOCK and self._sim_time is not None
+
+    def _listen(self, topic, type_name, publishers, wanted):
+        """Subscribe to a topic, and announce it to the process that writes if it is wanted."""
         package, _, name = type_name.split('/')
         message_type = number = None
         with suppress(ImportError):
             message_type = getattr(import_module(f'{package}.msg'), name, None)
-        if message_type is not None:
+        if message_type is not None and wanted:
             try:
                 number = self._writer.add_topic(
                     topic, type_name, str(publishers[0].topic_type_hash),
@@ -172,7 +225,7 @@ class Recorder(FormationNode):
             except BagError as error:
                 self._fail(error)
                 return
-        if number is None:
+        if message_type is None or wanted and number is None:
             self._refused.add((topic, type_name))
             self.get_logger().warning(f'{topic} is not recorded, its type {type_name} is unknown')
             return
@@ -183,21 +236,14 @@ class Recorder(FormationNode):
             durability=_common(publishers, 'durability', DurabilityPolicy.TRANSIENT_LOCAL,
                                DurabilityPolicy.VOLATILE))
         subscription = self.create_subscription(
-            message_type, topic, self._receiver(number), profile, raw=True)
-        self._recorded.append(topic)
+            message_type, topic, _never_called, profile, raw=True)
         self.inputs.append(subscription)
-
-    def _receiver(self, number):
-        """Return what takes the messages of a topic."""
-        batch, now = self._batch, self._now
-
-        def on_message(message):
-            if time := now():
-                batch.append((number, time, message))
-                if len(batch) >= BATCH:
-                    self._pass_on()
-
-        return on_message
+        self._heard.add(topic)
+        if wanted:
+            self._recorded.append(topic)
+        if self._goes_by(topic):
+            self._number_of_clock = number
+        self._queues.append((number, subscription.handle.take_message, message_type))
 
     def assess(self):
         """Return level, message and figures for the diagnostics."""
@@ -211,6 +257,10 @@ class Recorder(FormationNode):
         if not counts:
             return diagnostics.WARN, 'no topic to record yet', values
         return diagnostics.OK, 'recording', values
+
+
+def _never_called(_message):
+    """Stand for the callback that rclpy wants: messages are read instead."""
 
 
 def _common(publishers, policy, strong, weak):

@@ -25,6 +25,20 @@ def head(stamp):
     return _HEAD.pack(_LITTLE_ENDIAN, *divmod(stamp, _NANOSECONDS))
 
 
+def time(message):
+    """
+    Return the time [ns] at which a message begins, as rosgraph_msgs/Clock does.
+
+    :param message: bytes from anywhere
+    :raises Rejected: if they are too few
+    """
+    try:
+        seconds, nanoseconds = struct.unpack_from(f'{_ORDERS[bytes(message[:2])]}iI', message, 4)
+    except (KeyError, struct.error):
+        raise Rejected(Rejected.MALFORMED) from None
+    return seconds * _NANOSECONDS + nanoseconds
+
+
 class StampedNumbers:
     """
     A message type made of a header and float64 numbers, in one frame.
