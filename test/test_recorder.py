@@ -213,7 +213,7 @@ def test_what_was_sent_again_is_not_put_behind_what_follows_it(tmp_path, probe):
             return message and (message, {'received_timestamp': received,
                                           'source_timestamp': source})
 
-        bench.node._queues[:] = [(0, take, Float64)]
+        bench.node._queues[:] = [(0, take)]
         recorded(bench, 'a', 4)
         del publisher
     assert [(at, data[4:].rstrip(b'.')) for _, at, data in in_file(path)] == [
@@ -235,11 +235,11 @@ def test_what_came_while_topics_were_read_waits_for_what_came_before_it(tmp_path
             now = time.time_ns()
             if second.messages:
                 times.append(now)
-            return second.messages and (
-                second.messages.pop(), {'received_timestamp': now + 1}) or None
+            return (second.messages and (
+                second.messages.pop(), {'received_timestamp': now + 1})) or None
 
         second.messages = [b'2']
-        bench.node._queues[:] = [(0, first, Float64), (0, second, Float64)]
+        bench.node._queues[:] = [(0, first), (0, second)]
         recorded(bench, 'a', 2)
         del publisher
     assert [data for _, _, data in in_file(path)] == [b'1', b'2']

@@ -19,6 +19,7 @@ from rclpy.task import Future
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.nodes.plant import Plant
+from tetra_ros2.ros import cdr
 from tetra_ros2.ros.executor import make_executor, spin_some
 
 NAN, INF = math.nan, math.inf
@@ -272,6 +273,31 @@ def test_a_reset_in_real_time_publishes_the_initial_state_and_forgets_the_comman
         bench.node.reset()
         bench.wait_for(lambda: len(probe.received['formation/attitudes']) > 5, 'states')
         assert np.all(probe.attitudes() == np.array(start).reshape(4, 4))
+
+
+def test_a_command_that_waits_to_be_read_at_a_reset_is_forgotten_too(probe):
+    start = [0.0, 0.0, 0.0, 1.0] * 4
+    with Bench(probe, Plant, mode='realtime', initial_attitudes=start,
+               command_timeout=100.0) as bench:
+        plant = bench.node
+        bench.wait_for(lambda: plant.time.steps, 'a step')
+        waiting = [cdr.twist_stamped('agent_1').encode(plant.time.stamp, 0, 0, 0, 0, 1.0, 0)]
+        plant._commands[0] = (
+            lambda: (waiting.pop(), {}) if waiting else None, plant._commands[0][1])
+        plant.reset()
+        steps = plant.time.steps
+        bench.wait_for(lambda: plant.time.steps > steps, 'a step')
+        assert not waiting
+        assert not plant.health.rejected
+        assert np.all(np.array(plant.bodies.attitudes) == np.array(start).reshape(4, 4))
+
+
+@pytest.mark.parametrize(('mode', 'called'), [('lockstep', 4), ('realtime', 0)])
+def test_an_executor_is_called_for_commands_only_where_somebody_waits_for_them(
+        probe, mode, called):
+    with Bench(probe, Plant, mode=mode, seed=1) as bench:
+        assert len(bench.node.inputs) == 4
+        assert len({*bench.node.inputs} & {*bench.node.subscriptions}) == called
 
 
 def test_the_plant_in_real_time_holds_an_agent_still_when_its_command_is_old(probe):

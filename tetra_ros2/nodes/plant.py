@@ -64,12 +64,16 @@ class Plant(FormationNode):
             if neighbors:
                 self._sensors.append((i - 1, [j - 1 for j in neighbors], senders,
                                       cdr.vector3_stamped(names.body_frame(i)).encoder))
+        self._commands = []  # for each agent: what gives its next command, and what takes it
         self._imperfect = self._make_imperfect_sensors(values)
         self.mode = values['mode']
         timekeeper = {'lockstep': Lockstep, 'realtime': RealTime}[self.mode]
         self.time = timekeeper(self, [sensor[0] for sensor in self._sensors])
         for i in range(1, n + 1):
-            self.listen(TwistStamped, names.cmd_vel(i), self._receiver(i), qos.COMMANDS)
+            on_command = self._receiver(i)
+            subscription = self.listen(TwistStamped, names.cmd_vel(i), on_command, qos.COMMANDS)
+            if self.time.steps_by_itself:
+                self._commands.append((self.queue(subscription), on_command))
         self.create_service(Trigger, names.RESET, self._on_reset)
         self.create_service(SetBool, names.PAUSE, self._on_pause)
         self.report_health()
@@ -133,8 +137,8 @@ class Plant(FormationNode):
             sensors.sample(stamp)
         for i, others, senders, encoder in self._sensors:
             prefix, pack = encoder(head)
-            for send, seen in zip(senders, sensors.seen_by(i, others)):
-                send(prefix + pack(*seen))
+            for send, (x, y, z) in zip(senders, sensors.seen_by(i, others)):
+                send(prefix + pack(x, y, z))
         # Last, as nobody's answer waits for it.
         state = []
         for position, orientation in zip(bodies.reduced, bodies.attitudes):
@@ -142,6 +146,17 @@ class Plant(FormationNode):
             state += orientation
         prefix, pack = self._state.encoder(head)
         self._send_state(prefix + pack(*state))
+
+    def read_commands(self):
+        """
+        Take the commands that have come, if the plant reads them itself.
+
+        It does in real time, where they count only when the next step is due: it is not woken
+        for each of them.
+        """
+        for take, on_command in self._commands:
+            while (taken := take()) is not None:
+                on_command(taken[0])
 
     def _receiver(self, i):
         """Return what hands the commands of agent i to the timekeeper."""

@@ -66,7 +66,7 @@ class Recorder(FormationNode):
         self._number_of_clock = None  # the number of that topic, None if it is not to be recorded
         self._recorded = []  # topics, by the number that the writer gave them
         self._heard, self._refused = set(), set()  # topics, and those that cannot be recorded
-        self._queues = []  # for each: its number, what takes a message out, the message type
+        self._queues = []  # for each topic: its number, and what gives its next message
         self._ahead = []  # what came while the last reading went on
         self._written = Counter()  # how many messages, by the topic's number
         self._writer = self._open(values['storage'])
@@ -74,11 +74,6 @@ class Recorder(FormationNode):
         self.create_steady_timer(DISCOVERY_PERIOD, self.discover)
         self.create_steady_timer(READING_PERIOD, self._read)
         self.discover()
-
-    @property
-    def subscriptions(self):
-        """Give the subscriptions that an executor is to look after: none that is recorded."""
-        return (s for s in super().subscriptions if s not in self.inputs)
 
     def _accept(self, values):
         try:
@@ -163,9 +158,9 @@ class Recorder(FormationNode):
         """Have all that has come written, in the order in which it came."""
         come, self._ahead = self._ahead, []
         begun = time.time_ns()
-        for number, take, message_type in self._queues:
+        for number, take in self._queues:
             latest = 0
-            while (taken := take(message_type, True)) is not None:
+            while (taken := take()) is not None:
                 message, info = taken
                 # Not every middleware tells when a message came.
                 at = info['received_timestamp'] or info['source_timestamp']
@@ -225,7 +220,7 @@ class Recorder(FormationNode):
             except BagError as error:
                 self._fail(error)
                 return
-        if message_type is None or wanted and number is None:
+        if message_type is None or (wanted and number is None):
             self._refused.add((topic, type_name))
             self.get_logger().warning(f'{topic} is not recorded, its type {type_name} is unknown')
             return
@@ -243,7 +238,7 @@ class Recorder(FormationNode):
             self._recorded.append(topic)
         if self._goes_by(topic):
             self._number_of_clock = number
-        self._queues.append((number, subscription.handle.take_message, message_type))
+        self._queues.append((number, self.queue(subscription)))
 
     def assess(self):
         """Return level, message and figures for the diagnostics."""

@@ -44,6 +44,7 @@ class Lockstep:
     """
 
     DEFAULT_TIMEOUT = 30.0
+    steps_by_itself = False  # a command may be what it has waited for
 
     def __init__(self, plant, agents):
         self.stamp = 0  # of the measurements that are to be answered [ns]
@@ -204,6 +205,7 @@ class RealTime:
     """
 
     DEFAULT_TIMEOUT = 0.5
+    steps_by_itself = True  # it is time enough to read the commands when the next step is due
 
     def __init__(self, plant, agents):
         self.stamp = 0  # of the newest measurements [ns]
@@ -248,6 +250,7 @@ class RealTime:
 
     def state_changed(self):
         """Publish the state; the commands so far were for another one."""
+        self._plant.read_commands()
         self._forget_commands()
         self.stamp = self._plant.get_clock().now().nanoseconds
         self._plant.publish(self.stamp)
@@ -273,6 +276,7 @@ class RealTime:
         self._rates[i] = rate
 
     def _on_timer(self):
+        self._plant.read_commands()
         now = self._plant.get_clock().now().nanoseconds
         before, self.stamp = self.stamp, now
         elapsed = now - before

@@ -4,6 +4,7 @@
 """What the nodes of a formation have in common."""
 
 from copy import copy
+from functools import partial
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -38,6 +39,7 @@ class FormationNode(Node):
         super().__init__(*args, **kwargs)
         self.inputs = []  # subscriptions
         self.outputs = []  # publishers
+        self._queued = []  # the subscriptions that this node reads itself
         self.exclusive_outputs = []  # names of topics on which nobody else may publish
         self.exclusive_inputs = True  # whether one publisher is right for each subscription
         self.health = None
@@ -48,10 +50,32 @@ class FormationNode(Node):
     # Profiles are copied: rclpy writes what is overridden into the very object it is given.
 
     def listen(self, message_type, topic, callback, profile):
-        """Subscribe to the bytes of a topic, with quality of service open to overrides."""
+        """
+        Subscribe to the bytes of a topic, with quality of service open to overrides.
+
+        :returns: the subscription
+        """
         self.inputs.append(self.create_subscription(
             message_type, topic, callback, copy(profile), raw=True,
             qos_overriding_options=QoSOverridingOptions.with_default_policies()))
+        return self.inputs[-1]
+
+    @property
+    def subscriptions(self):
+        """Give the subscriptions that an executor is to look after."""
+        return (s for s in super().subscriptions if s not in self._queued)
+
+    def queue(self, subscription):
+        """
+        Read a subscription's messages when it suits this node, instead of being called for each.
+
+        To be called, in an executor that has to wake for it, costs more than the message.
+
+        :returns: a function that gives the next message, in bytes if the subscription is raw, and
+            what is known about it, a mapping; or None if there is none
+        """
+        self._queued.append(subscription)
+        return partial(subscription.handle.take_message, subscription.msg_type, subscription.raw)
 
     def offer(self, message_type, topic, profile, exclusive=False):
         """
