@@ -96,7 +96,9 @@ class Spinner:
         def ours(topic):
             return any(word in topic for word in ('cmd_vel', 'relative_', 'attitudes'))
 
-        subscriptions = [s for node in self.nodes for s in node.subscriptions
+        # A node of the formation may read some of its inputs itself.
+        subscriptions = [s for node in self.nodes
+                         for s in getattr(node, 'inputs', node.subscriptions)
                          if ours(s.topic_name)]
         publishers = [p for node in self.nodes for p in node.publishers if ours(p.topic_name)]
         listeners = Counter(s.topic_name for s in subscriptions)
@@ -321,11 +323,14 @@ def n_topics(n):
 def realtime(arguments):
     """Measure punctuality and freshness of the plant in real time; the agents are elsewhere."""
     import numpy as np
+
+    from tetra_ros2.ros.executor import spare_collections
     n = arguments.n
     notes = []
 
     def note(stamp, stamps):
-        notes.append((stamp, min(stamps), sum(s >= note.before for s in stamps)))
+        # Numbers, as tuples would have the garbage collector stop the plant now and then.
+        notes.extend((stamp, min(stamps), sum(s >= note.before for s in stamps)))
         note.before = stamp
 
     note.before = 0
@@ -349,6 +354,7 @@ def realtime(arguments):
         spinner = Spinner(_classes(arguments.style)[2], arguments.namespace)
         plant = spinner.add(plant_type, n, note)
     spinner.discover(alone=True)
+    spare_collections()
 
     def measure(seconds, rate):
         plant.set_rate(rate)
@@ -357,7 +363,7 @@ def realtime(arguments):
         noted = []
         spinner.run_for(seconds, lambda: len(notes), lambda: noted.extend(notes))
         plant.set_rate(IDLE_RATE)
-        return judge(np.array(noted), n, rate)
+        return judge(np.array(noted).reshape(-1, 3), n, rate)
 
     plant.set_rate(IDLE_RATE)
     take_turns(measure)

@@ -4,6 +4,7 @@
 """Spinning: which executor, how long at a time, and how a process ends."""
 
 from contextlib import contextmanager
+import gc
 import os
 import signal
 import time
@@ -57,6 +58,16 @@ def spin_some(executor, future, timeout=SPIN_PERIOD):
 def look_for_signals(node):
     """Have a timer of a node run now and then, as Python sees signals only while it runs."""
     node.create_steady_timer(SIGNAL_PERIOD, lambda: None)
+
+
+def spare_collections():
+    """
+    Keep the garbage collector from looking again at all that a process has made so far.
+
+    What stays for good makes each full collection take some 10 ms, twenty steps at 2 kHz.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 @contextmanager
@@ -151,6 +162,7 @@ def run(make_node, config=None, arguments=()):
             node = _make(make_node, context=context, **for_node)
             executor.add_node(node)
             look_for_signals(node)
+            spare_collections()
             try:
                 while not signalled.done():
                     spin_some(executor, signalled)

@@ -45,6 +45,14 @@ ON_TIME, FRESH, OLDEST = 0.99, 0.99, 10
 LADDER = (50, 100, 250, 500, 1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000)
 """The rates [Hz] that are tried, one after the other: up while they hold, else down."""
 
+START_UP = 4.0
+"""
+How long processes in real time are left alone before they are measured [s].
+
+In the first seconds Fast DDS may withhold all messages to a process for a third of a second, as it
+looks whether shared memory is sound: https://github.com/eProsima/Fast-DDS/issues/6535.
+"""
+
 PRIORITY = ('chrt', '--fifo', '20')
 """How a process is given priority in real time: README.md tells its users to do the same."""
 
@@ -462,6 +470,7 @@ class Bench:
         with self._five(style, namespace, environment, prefix), self._worker(
                 'realtime', style, *namespace, environment=environment, prefix=prefix) as answer:
             answer()  # that it is ready
+            time.sleep(START_UP)
 
             def run(rate, seconds):
                 return {'rate': rate, **answer(f'{seconds} {rate}', TIMEOUT + 10.0 * seconds)}
