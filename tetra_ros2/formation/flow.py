@@ -11,7 +11,7 @@ and the worst of a block decides how long its next step is. The kernel holds no 
 interpreter, so threads share the blocks.
 """
 
-from collections import namedtuple
+from collections import deque, namedtuple
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 import math
@@ -92,14 +92,23 @@ def run(gamma, weights, gain, duration, tolerance, threads=1):
         kernel(blocks, *arguments)
         end[first:first + TASK] = blocks.transpose(0, 3, 1, 2).reshape(-1, n, 3)[:len(starts)]
 
-    tasks = range(0, m, TASK)
-    if threads == 1:
-        for first in tasks:
+    tasks = deque(range(0, m, TASK))
+
+    def work():
+        while True:
+            try:
+                first = tasks.popleft()
+            except IndexError:
+                return
             follow(first)
-    else:
-        kernel(np.empty((0, n, 3, LANES)), *arguments)  # it compiles here, once, in no thread
-        with ThreadPoolExecutor(threads) as executor:
-            list(executor.map(follow, tasks))
+
+    kernel(np.empty((0, n, 3, LANES)), *arguments)  # it compiles here, once, in no other thread
+    with ThreadPoolExecutor(max(threads - 1, 1)) as executor:
+        # This thread has a core already: that it works too leaves the others to the rest.
+        others = [executor.submit(work) for _ in range(threads - 1)]
+        work()
+        for other in others:
+            other.result()
     return end
 
 
