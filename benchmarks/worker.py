@@ -305,7 +305,7 @@ def _lost(launcher, n):
         name = topic.split('/', 2)[-1]
         if name.endswith('cmd_vel'):
             agent = launcher.agents[int(name.split('/')[0].split('_')[1])]
-            sent[topic] = agent.answers + agent.partial_answers
+            sent[topic] = agent.answers + agent.partial_answers + agent.stops
         elif 'relative_attitude' in name or name == 'formation/attitudes':
             sent[topic] = steps + launcher.plant.time.repetitions
         elif name in ('formation/cosines', 'formation/error'):

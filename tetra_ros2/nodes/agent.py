@@ -49,7 +49,7 @@ class Agent(FormationNode):
         self._before = 0, 0  # measurements and answers, until the last tick
         self._state = diagnostics.WARN, 'waiting for measurements'
         self._newest = 0  # stamp of the newest measurement ever answered [ns]
-        self.answers = self.partial_answers = 0
+        self.answers = self.partial_answers = self.stops = 0
         # Silence is measured in the time that the formation lives in.
         self._clock_of_ticks = self.steady_clock
         self._now = time.monotonic
@@ -153,6 +153,7 @@ class Agent(FormationNode):
         # answer to no measurement, for which a plant in lockstep could take it.
         if self._newest:
             self._publish(self._newest + 1, (0.0, 0.0, 0.0))
+            self.stops += 1
 
     def _publish(self, stamp, rate):
         self._send(self._encode(stamp, 0.0, 0.0, 0.0, *rate))
@@ -166,7 +167,7 @@ class Agent(FormationNode):
             'partial answer rate [Hz]': self.partial_answers,
         })
         values = {'measurements': self.measurements, 'answers': self.answers,
-                  'partial answers': self.partial_answers, **rates}
+                  'partial answers': self.partial_answers, 'stops': self.stops, **rates}
         for j, heard_at in zip(self._neighbors, self._controller.heard_at):
             values[f'age of agent_{j} [s]'] = now - heard_at
         return *self._state, values
