@@ -158,6 +158,9 @@ def test_an_agent_answers_partial_news_and_stops_when_a_neighbour_falls_silent(p
             lambda: bench.node.assess()[1].startswith('stopped') and bench.node.assess(), 'it')
         assert 'agent_2' in status[1]
         assert 'agent_3' in status[1]
+        node = bench.node
+        bench.wait_for(lambda: node.stops and len(answers) == (
+            node.answers + node.partial_answers + node.stops), 'all commands counted')
         # Whoever speaks next is welcome, even with a clock that was started again.
         second.publish(measurement([0.0, 1.0, 0.0], stamp=(1, 0)))
         third.publish(measurement([0.0, 0.0, 1.0], stamp=(1, 0)))
