@@ -9,15 +9,18 @@ import random
 import signal
 import subprocess
 import sys
+import time
 
 from geometry_msgs.msg import TwistStamped
 from harness import DEADLINE, interrupt, nanoseconds, Probe, values
 import numpy as np
 import pytest
+import yaml
 
 from tetra_ros2 import configuration
 from tetra_ros2.formation import measures, rotation, shapes, simulation
 from tetra_ros2.launcher import Launcher
+from tetra_ros2.ros.executor import SPIN_PERIOD
 
 HERE = Path(__file__).parent
 
@@ -206,3 +209,33 @@ def test_two_namespaces_of_processes_do_not_touch_each_other(processes):
 
 def test_nothing_of_all_this_leaves_the_machine():
     assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+
+
+WITHOUT_EVENTS = """
+import sys
+sys.modules['rclpy.experimental.events_executor'] = None
+from tetra_ros2.cli import main
+from tetra_ros2.ros import executor
+assert executor.EventsExecutor.__name__ == 'SingleThreadedExecutor'
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_an_rclpy_without_the_events_executor_will_do(tmp_path, processes, probe):
+    launcher = processes.python(
+        '-c', WITHOUT_EVENTS, 'launcher', '--config', 'complete', '--duration', '15', '--seed',
+        '7', '--record', tmp_path / 'bag')
+    output, _ = launcher.communicate(timeout=DEADLINE)
+    assert launcher.returncode == 0, output
+    assert 'a regular tetrahedron' in output
+    counts = {t['topic_metadata']['name']: t['message_count'] for t in yaml.safe_load(
+        (tmp_path / 'bag' / 'metadata.yaml').read_text())[
+            'rosbag2_bagfile_information']['topics_with_message_count']}
+    assert counts['/formation/error'] == 1501
+    assert counts['/agent_1/cmd_vel'] >= 1500
+    monitor = processes.python('-c', WITHOUT_EVENTS, 'monitor', '--config', 'complete')
+    probe.wait_for_health('/monitor', lambda s: 'waiting' in s.message, 'the monitor')
+    begun = time.monotonic()
+    status, output = interrupt(monitor)
+    assert status == 0, output
+    assert time.monotonic() - begun < 0.5 * SPIN_PERIOD, 'a signal is not waited for that long'
