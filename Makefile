@@ -26,7 +26,7 @@ verify: $(VENV)/.test  ## check every claim of the paper
 	@$(TETRA) verify
 
 bench: $(VENV)/.bench  ## measure it against what there is to compare with
-	@$(TETRA) bench $(BENCH_ARGS)
+	@$(CLEAN) $(VENV)/bin/python -m benchmarks $(BENCH_ARGS)
 
 browser:
 	@for name in chromium chromium-browser google-chrome; do \

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A system to measure, in a process of its own; ``tetra bench`` starts these.
+A system to measure, in a process of its own; ``python -m benchmarks`` starts these.
 
 A style is ``tetra`` (the nodes of the formation), ``objects`` or ``bytes`` (the baselines). What
 is compared takes turns: such a process prints an empty line when it is ready, then reads from its

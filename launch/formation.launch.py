@@ -12,8 +12,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from tetra_ros2 import configuration
-from tetra_ros2.share import share_directory
+from tetra_ros2.config import configuration
+from tetra_ros2.config.share import share_directory
 
 
 def start(context):

@@ -11,7 +11,9 @@ import argparse
 import json
 import sys
 
-from tetra_ros2.tools import analyze, bench, figures, plot, study, verify
+from tetra_ros2.commands import analyze, plot
+from tetra_ros2.paper import figures, verify
+from tetra_ros2.study import montecarlo as study
 
 
 class _Parser(argparse.ArgumentParser):
@@ -77,7 +79,7 @@ def _recorder_arguments(parser):
 
 
 def _recorder(arguments, config, ros):
-    from tetra_ros2.nodes import recorder
+    from tetra_ros2.recording import recorder
     for name in ('topics', 'regex', 'output', 'storage', 'use_sim_time'):
         if value := getattr(arguments, name):
             ros = [*ros, '-p', f'{name}:={json.dumps(value)}']
@@ -112,7 +114,7 @@ def _launcher_arguments(parser):
 
 
 def _launcher(arguments, config, ros):
-    from tetra_ros2 import report
+    from tetra_ros2.commands import launcher as report
     return report.main(arguments, config, ros)
 
 
@@ -135,9 +137,9 @@ def _add_web(parser):
 
 def _viewer(arguments, config, ros):
     if arguments.bag is not None:
-        from tetra_ros2.tools import replay
+        from tetra_ros2.viewer import replay
         return replay.run(arguments)
-    from tetra_ros2.nodes import viewer
+    from tetra_ros2.viewer import node as viewer
     return viewer.main(arguments.host, arguments.port, config, ros)
 
 
@@ -156,7 +158,6 @@ TOOLS = {
     'analyze': (analyze, 'rates, limits and errors that theory predicts for a configuration'),
     'study': (study, 'follow very many random starts, and say how many form and when'),
     'figures': (figures, "draw the paper's simulation figures from runs of the nodes"),
-    'bench': (bench, 'measure the formation against what there is to compare with'),
 }
 """Modules with ``add_arguments(parser)`` and ``run(arguments)``, which import late too."""
 
@@ -217,7 +218,7 @@ _INSTALL = {
 
 def _run(arguments, ros):
     """Run a command; everything that can be checked without ROS is checked before it loads."""
-    from tetra_ros2 import configuration, parameters
+    from tetra_ros2.config import configuration, parameters
     try:
         if arguments.command in TOOLS:
             return TOOLS[arguments.command][0].run(arguments)

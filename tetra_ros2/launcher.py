@@ -20,13 +20,12 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from tetra_ros2 import configuration
+from tetra_ros2.config import configuration
+from tetra_ros2.config.parameters import check_parameters, ConfigurationError, PARAMETERS
 from tetra_ros2.formation.summary import summarize
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.nodes.plant import Plant
-from tetra_ros2.parameters import check_parameters, ConfigurationError, PARAMETERS
-from tetra_ros2.ros import names
 from tetra_ros2.ros.executor import (
     initialize,
     local_by_default,
@@ -36,6 +35,7 @@ from tetra_ros2.ros.executor import (
     spin_some,
 )
 from tetra_ros2.ros.executor import ros_arguments as arguments_of
+from tetra_ros2.wire import names
 
 DISCOVERY_TIMEOUT = 20.0
 """How long the nodes may take to find each other [s]."""
@@ -140,13 +140,13 @@ class Launcher:
         if names.PLANT not in self._without:
             self.plant = self._add(Plant, 'plant', start=False)
         if self._view is not None:
-            from tetra_ros2.nodes.viewer import Viewer
+            from tetra_ros2.viewer.node import Viewer
             host, port = self._view
             # It gets the states from the monitor: one subscription more would slow the steps.
             self.viewer = self._add(Viewer, None, watch=self.monitor.watch, host=host, port=port)
         self._discover()
         if self._recording:
-            from tetra_ros2.nodes.recorder import Recorder
+            from tetra_ros2.recording.recorder import Recorder
             # In lockstep the recording is as reproducible as the run if it goes by its time.
             lockstep = self.plant is not None and self.plant.mode == 'lockstep'
             self.recorder = self._add(Recorder, 'recorder', sim_time=lockstep)

@@ -14,12 +14,13 @@ import time
 from geometry_msgs.msg import TwistStamped, Vector3Stamped
 from rclpy.duration import Duration
 
-from tetra_ros2.configuration import Formation, gain_from_parameters
+from tetra_ros2.config.configuration import Formation, gain_from_parameters
+from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.controller import Controller
-from tetra_ros2.parameters import ConfigurationError
-from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
+from tetra_ros2.ros import diagnostics, executor, parameters, qos
 from tetra_ros2.ros.node import FormationNode, raw_publish
+from tetra_ros2.wire import cdr, names
 
 
 class Agent(FormationNode):

@@ -13,13 +13,14 @@ import numpy as np
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 
-from tetra_ros2.configuration import Formation
+from tetra_ros2.config.configuration import Formation
 from tetra_ros2.formation import shapes
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.observer import Observer
-from tetra_ros2.ros import cdr, diagnostics, executor, names, parameters, qos
+from tetra_ros2.ros import diagnostics, executor, parameters, qos
 from tetra_ros2.ros.markers import Markers
 from tetra_ros2.ros.node import FormationNode, raw_publish
+from tetra_ros2.wire import cdr, names
 
 PATIENCE = 3
 """After how many old stamps in a row the plant is taken to have been started anew."""

@@ -15,15 +15,16 @@ from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
-from tetra_ros2.configuration import Formation, initial_attitudes
+from tetra_ros2.config.configuration import Formation, initial_attitudes
+from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation import rotation
 from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.formation.checks import Rejected, require_rate
 from tetra_ros2.formation.sensing import delay_in_steps, Sensors
 from tetra_ros2.nodes.timekeepers import Lockstep, RealTime
-from tetra_ros2.parameters import ConfigurationError
-from tetra_ros2.ros import cdr, executor, names, parameters, qos
+from tetra_ros2.ros import executor, parameters, qos
 from tetra_ros2.ros.node import FormationNode, raw_publish
+from tetra_ros2.wire import cdr, names
 
 
 class Plant(FormationNode):

@@ -14,8 +14,9 @@ import time
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from tetra_ros2.formation.checks import Rejected
-from tetra_ros2.ros import cdr, diagnostics, names, qos
+from tetra_ros2.ros import diagnostics, qos
 from tetra_ros2.ros.node import raw_publish
+from tetra_ros2.wire import cdr, names
 
 STILL = (0.0, 0.0, 0.0)
 

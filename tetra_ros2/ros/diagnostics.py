@@ -8,7 +8,8 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from tetra_ros2.ros import names, qos
+from tetra_ros2.ros import qos
+from tetra_ros2.wire import names
 
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN

@@ -14,7 +14,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.task import Future
 
-from tetra_ros2.parameters import ConfigurationError
+from tetra_ros2.config.parameters import ConfigurationError
 
 try:
     from rclpy.experimental.events_executor import EventsExecutor

@@ -12,8 +12,9 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from tetra_ros2.ros import names, qos
-from tetra_ros2.view import colors, geometry
+from tetra_ros2.drawing import colors, geometry
+from tetra_ros2.ros import qos
+from tetra_ros2.wire import names
 
 PERIOD = 1.0 / 30.0
 """How often to publish [s], on a clock that runs even when formation time does not."""

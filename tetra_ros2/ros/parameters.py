@@ -14,7 +14,7 @@ from rcl_interfaces.msg import (
 )
 from rclpy.parameter import Parameter
 
-from tetra_ros2.parameters import check_parameters, ConfigurationError, PARAMETERS
+from tetra_ros2.config.parameters import check_parameters, ConfigurationError, PARAMETERS
 
 _TYPES = {
     bool: ParameterType.PARAMETER_BOOL,
@@ -33,7 +33,7 @@ def declare(node, kind, accept, apply):
     Declare the parameters of a kind of node, and keep them right as long as the node lives.
 
     :param node: the rclpy node
-    :param kind: one of :data:`tetra_ros2.parameters.PARAMETERS`
+    :param kind: one of :data:`tetra_ros2.config.parameters.PARAMETERS`
     :param accept: called with a mapping of all values, checked one by one, before they count;
         raises ConfigurationError if they do not fit together
     :param apply: called with such a mapping after a change at run time
@@ -82,7 +82,7 @@ def describe(spec):
     Return the descriptor of a parameter.
 
     Its type is dynamic for ROS, so that ``rate: 100`` does for 100.0; that the value is of the
-    right kind is checked by :meth:`tetra_ros2.parameters.Parameter.check` all the same.
+    right kind is checked by :meth:`tetra_ros2.config.parameters.Parameter.check` all the same.
     """
     descriptor = ParameterDescriptor(
         description=spec.description,

@@ -1,0 +1,176 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The command line as a person meets it: what it prints, what it refuses, how it ends."""
+
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from harness import DEADLINE, interrupt, run
+import pytest
+
+ABOVE = '/**:\n  ros__parameters:\n    '
+
+
+def modules_after(*arguments):
+    """Return the modules that ``tetra`` has loaded when it ends."""
+    code = ('import sys\nfrom tetra_ros2.cli import main\n'
+            'try:\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n'
+            'print(*sys.modules, sep="\\n")')
+    return set(subprocess.run([sys.executable, '-c', code, *arguments], capture_output=True,
+                              text=True, check=True).stdout.split())
+
+
+def test_help_needs_neither_ros_nor_numpy():
+    for arguments in (['--help'], ['launcher', '--help'], ['agent', '--help']):
+        assert not modules_after(*arguments) & {'rclpy', 'numpy', 'yaml', 'rich'}
+
+
+@pytest.mark.parametrize('command', ['agent', 'plant', 'monitor', 'recorder', 'launcher'])
+def test_every_command_helps(command):
+    status, output, _ = run(command, '--help')
+    assert status == 0
+    assert '--namespace' in output
+
+
+@pytest.mark.parametrize(('arguments', 'fragments'), [
+    ([], ['required: X']),
+    (['lancher'], ["invalid choice: 'lancher'", 'launcher']),
+    (['agent'], ['--id']),
+    (['agent', '--id', 'one'], ['--id', "'one'"]),
+    (['agent', '--id', '9', '--config', 'complete'], ['--id', '9', '1 to 4']),
+    (['agent', '--id', '0'], ['--id', '0', '1 to 4']),
+    (['agent', '--id', '9'], ['--id', '9', '1 to 4']),
+    (['plant', '--config', 'nothing.yaml'], ['nothing.yaml', 'no such file', 'complete']),
+    (['plant', '--config', 'rotatin'], ['rotatin', "did you mean 'rotating'"]),
+    (['plant', '--ros-args', '-p', 'rate:=0.0'], ['rate', '0.0', 'from 0.001']),
+    (['plant', '--ros-args', '-p', 'mode:=fast'], ['mode', "'fast'", 'lockstep, realtime']),
+    (['plant', '--ros-args', '-p', 'initial_attitudes:=[1.0, 0.0]'],
+     ['initial_attitudes', '2 numbers', '16 for 4 agents']),
+    (['plant', '--ros-args', '-p', 'rate:=['], ['--ros-args', 'rate:=[']),
+    (['monitor', '--namespace', 'a b'], ['a b']),
+    (['launcher', '--config', 'nothing'], ['nothing', 'no such file']),
+    (['launcher', '--duration', '-1'], ['--duration', '-1.0']),
+    (['launcher', '--duration', 'nan'], ['--duration', 'nan']),
+    (['launcher', '--seed', '-5'], ['seed', '-5']),
+    (['launcher', '--mode', 'slow'], ['--mode', "'slow'"]),
+    (['launcher', '--namespace', 'a b'], ['--namespace', "'a b'"]),
+    (['launcher', '--without', 'agent_7'], ['--without', "'agent_7'", 'agent_4']),
+    (['launcher', '--ros-args', '-p', 'gain.kind:=cosin'], ["did you mean 'cosine'"]),
+    (['launcher', '--ros-args', '-p', 'gain.a:=-1.0'], ['gain.a', '-1.0']),
+    (['launcher', '--ros-args', '-p', 'gain.k:=2'], ['gain.k', 'no such parameter']),
+    (['plant', '--ros-args', '-p', 'rat:=50.0'], ['-p rat', "did you mean 'rate'"]),
+    (['plant', '--ros-args', '--params-file', 'nothing.yaml'], ['nothing.yaml', 'cannot be read']),
+    (['plant', '--ros-args', '-p', 'mode:=realtime', '-p', 'command_timeout:=0.001'],
+     ['command_timeout', 'two periods']),
+    (['plant', '--ros-args', '-p', 'use_sim_time:=1'], ['use_sim_time']),
+    (['plant', '--namespace', 'x' * 300], ['--namespace', '150 characters']),
+    (['recorder', '--regex', '('], ['regex', "'('"]),
+    (['recorder', '--storage', 'tape'], ['--storage', "'tape'"]),
+])
+def test_a_wrong_call_is_refused_in_one_line(arguments, fragments):
+    status, output, errors = run(*arguments)
+    assert status == 2, errors
+    line, = (text for text in errors.splitlines() if text.startswith('tetra: error: '))
+    assert all(fragment in line for fragment in fragments), line
+    assert 'Traceback' not in errors
+    assert not output
+
+
+@pytest.mark.parametrize(('text', 'fragments'), [
+    (ABOVE + 'topology: {kind: ring}', ['topology.kind', "'ring'", 'complete']),
+    (ABOVE + 'topology: {kind: rotating, k: 5}', ['topology.k', '5', 'from 1 to 4']),
+    (ABOVE + 'topology: {kind: rotating, p: 2}', ['topology.p', '2', 'from 0 to 1']),
+    (ABOVE + 'gain: {kind: sine}', ['gain.kind', "'sine'"]),
+    (ABOVE + 'gain: {a: -1.0}', ['gain.a', '-1.0']),
+    (ABOVE + 'gain: {a: .nan}', ['gain.a', 'nan']),
+    ('/**/plant:\n  ros__parameters: {rate: 0}', ['rate', '0']),
+    (ABOVE + 'topology: {kind: custom, edges: ["1>2"]}', ['topology.edges[0]', "'1>2'"]),
+    (ABOVE + 'topology: {kind: custom, edges: ["1 9"]}', ['topology.edges[0]', 'no agent 9']),
+    (ABOVE + 'topologie: {kind: complete}', ['topologie.kind', "did you mean 'topology.kind'"]),
+    (ABOVE + 'pointing_axis: [1.0, 0.0]', ['pointing_axis', '2 numbers', '12']),
+    (ABOVE + 'pointing_axis: [0.0, 0.0, 0.0]', ['pointing_axis', 'not zero']),
+    (ABOVE + 'gain: [', ['is not YAML', 'line 3']),
+])
+@pytest.mark.parametrize('command', [['launcher'], ['plant'], ['agent', '--id', '1']])
+def test_a_wrong_file_is_refused_with_file_key_and_value(tmp_path, command, text, fragments):
+    file = tmp_path / 'formation.yaml'
+    file.write_text(text)
+    status, output, errors = run(*command, '--config', file)
+    assert status == 2
+    assert errors.startswith(f'tetra: error: {file}: ')
+    assert errors.count('\n') == 1, errors
+    assert all(fragment in errors for fragment in fragments), errors
+    assert not output
+
+
+def test_an_agent_that_sees_nobody_is_allowed_and_said(tmp_path):
+    file = tmp_path / 'formation.yaml'
+    file.write_text(ABOVE + 'topology: {kind: custom, n: 3, edges: ["1 2", "2 1"]}\n    '
+                    'gain: {kind: exponential, a: 3.0}')
+    status, output, errors = run('launcher', '--config', file, '--duration', '40', '--json')
+    assert 'agents that see nobody, and are not waited for: 3' in errors
+    assert status == 0, errors
+    assert json.loads(output)['formed'] is True
+
+
+def test_the_summary_tells_a_person_what_happened():
+    status, output, _ = run('launcher', '--config', 'rotating', '--duration', '15')
+    assert status == 0
+    for fragment in ('regular tetrahedron', 'predicted  0.577350 rad/s', 'clockwise about',
+                     'agent_1', 'seed 7', '9 edges'):
+        assert fragment in output, output
+
+
+def test_the_summary_tells_a_program_what_happened():
+    status, output, _ = run('launcher', '--config', 'complete', '--duration', '15', '--json',
+                            '--seed', '3')
+    assert status == 0
+    summary = json.loads(output)
+    assert summary['formed'] is True
+    assert summary['error'] < 1e-6
+    assert summary['plant'] == {'mode': 'lockstep', 'rate': 100.0, 'seed': 3, 'steps': 1500}
+    assert summary['measured']['period'] is None, 'infinite, at rest'
+
+
+def test_the_exit_status_is_1_if_it_does_not_form_in_time():
+    status, output, _ = run('launcher', '--duration', '0.5')
+    assert status == 1
+    assert 'formed     no' in output
+
+
+def test_a_parameter_on_the_command_line_comes_before_the_file():
+    status, output, _ = run('launcher', '--config', 'rotating', '--duration', '1', '--json',
+                            '--ros-args', '-p', 'topology.k:=3', '-p', 'rate:=50')
+    summary = json.loads(output)
+    assert summary['topology']['k'] == 3
+    assert summary['plant']['rate'] == 50.0
+    assert status == 1
+
+
+def test_ctrl_c_ends_the_launcher_with_a_summary(processes, probe):
+    launcher = processes.tetra('launcher', '--duration', '1e6')
+    probe.listen_to_attitudes()
+    probe.wait_for(lambda: probe.stamp() > 5e9, 'five seconds')
+    status, output = interrupt(launcher)
+    assert status == 130
+    assert 'interrupted after' in output
+    assert 'regular tetrahedron' in output
+    assert 'Traceback' not in output
+
+
+def test_the_modules_are_found_without_ros(tmp_path):
+    """Without rclpy every command says what to install; ``-S`` and a path make it so."""
+    top = Path(__file__).resolve().parents[2]
+    blocker = tmp_path / 'rclpy.py'
+    blocker.write_text("raise ModuleNotFoundError('No module named rclpy', name='rclpy')\n")
+    environment = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{top}'}
+    done = subprocess.run(
+        [sys.executable, '-m', 'tetra_ros2', 'launcher'], env=environment, text=True,
+        capture_output=True, timeout=DEADLINE, check=False)
+    assert done.returncode == 2
+    assert 'rclpy is not installed' in done.stderr
+    assert 'Traceback' not in done.stderr

@@ -1,0 +1,77 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The law is read off the commands; what theory predicts of it agrees with the paper."""
+
+import bags
+import numpy as np
+import pytest
+
+from tetra_ros2.drawing.theory import Theory
+from tetra_ros2.formation import gain as gains
+from tetra_ros2.formation import identify, rotation, shapes, topology
+from tetra_ros2.viewer.history import decay_rate
+
+GRAPHS = {
+    'complete': topology.complete(4),
+    'rotating': topology.rotating(2, 0),
+    'custom': topology.custom(5, [(1, 2, 0.25), (2, 3), (3, 1, 0.5), (4, 1), (5, 4, 0.7), (1, 5)]),
+}
+
+
+def seen(graph, gain, noise=0.0):
+    attitudes, body = bags.states(200, graph, gain)
+    gamma = rotation.rotate(attitudes, [1.0, 0.0, 0.0])
+    rates = rotation.rotate(attitudes, body)
+    rates = rates + noise * np.random.default_rng(1).standard_normal(rates.shape)
+    return gamma, rates, tuple((i, j) for i, j, _ in graph.edges)
+
+
+@pytest.mark.parametrize('graph', GRAPHS.values(), ids=GRAPHS)
+@pytest.mark.parametrize('gain', [
+    gains.Cosine(0.7), gains.Exponential(3.0), gains.Exponential(2.0, 0.6), gains.Gaussian(1.5),
+    gains.Linear(1.0, 0.8), gains.Rational(2.0, 1.7)], ids=str)
+def test_graph_and_gain_are_read_off_the_commands(graph, gain):
+    law = identify.identify(*seen(graph, gain))
+    np.testing.assert_allclose(law.topology.weights, graph.weights, atol=1e-5)
+    theta = np.linspace(0.3, 3.0, 20)
+    np.testing.assert_allclose(law.gain.f(theta), gain.f(theta), rtol=1e-4)
+
+
+def test_commands_that_follow_no_known_gain_are_not_explained():
+    gamma, rates, edges = seen(GRAPHS['complete'], gains.Cosine(), noise=0.1)
+    assert identify.identify(gamma, rates, edges) is None
+    assert identify.identify(gamma, np.full_like(rates, np.nan), edges) is None
+    assert identify.identify(gamma, rates, ()) is None
+
+
+def test_motion_that_does_not_tell_the_neighbours_apart_is_not_explained():
+    gamma = np.broadcast_to(shapes.TETRAHEDRON.points, (50, 4, 3))
+    rates = np.zeros_like(gamma)
+    assert identify.identify(gamma, rates, seen(GRAPHS['complete'], gains.Cosine())[2]) is None
+
+
+@pytest.mark.parametrize('gain', [gains.Cosine(), gains.Exponential(2.0)], ids=str)
+def test_the_predicted_rate_of_the_complete_graph_is_the_papers(gain):
+    f, slope = (float(g(shapes.THETA_STAR)) for g in (gain.f, gain.derivative))
+    paper = min(-2.0 * 2**0.5 * slope, -4.0 * 2**0.5 / 3.0 * slope + 8.0 / 3.0 * f)
+    spin, rate = Theory(4, GRAPHS['complete'], gain).rates(-shapes.TETRAHEDRON.points)
+    assert rate == pytest.approx(paper, rel=1e-9)
+    assert spin == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_error_decays_at_the_predicted_rate():
+    theory = Theory(4, GRAPHS['complete'], gains.Cosine())
+    attitudes, _ = bags.states(8000, theory.topology, theory.gain, h=0.001)
+    gamma = rotation.rotate(attitudes, [1.0, 0.0, 0.0])
+    measured = decay_rate(0.001 * np.arange(8000), theory.error(gamma))
+    assert measured == pytest.approx(theory.rates(gamma[-1])[1], rel=0.03)
+
+
+def test_what_is_not_known_is_not_predicted():
+    attracting = topology.custom(4, [(i, j, -1.0) for i, j, _ in GRAPHS['complete'].edges])
+    gamma = shapes.TETRAHEDRON.points
+    assert Theory(4, attracting, gains.Cosine()).rates(gamma) == (None, None)
+    assert Theory(4).rates(gamma) == (None, None)
+    assert Theory(4).shape is shapes.TETRAHEDRON
+    assert Theory(5).shape is None

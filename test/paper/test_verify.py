@@ -1,0 +1,237 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The checks of the paper's claims hold, and each of them can fail."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tetra_ros2.cli import main
+from tetra_ros2.formation import coordinates, gain, rotation, shapes, sphere, topology
+from tetra_ros2.paper import claims, verify
+from tetra_ros2.paper.claims import CLAIMS, Subject
+from tetra_ros2.paper.errata import MISPRINTS
+from tetra_ros2.paper.runs import Run
+from tetra_ros2.study import confidence
+
+MISPRINTS_DOCUMENT = Path(__file__).parents[2] / 'docs' / 'misprints.md'
+
+
+class Rising(gain.Gain):
+    """A gain that violates As:SF:f: it rises with the distance."""
+
+    def __post_init__(self):
+        """Do not look."""
+
+    def f(self, theta, xp=np):
+        return self.a * (1.2 - xp.cos(theta))
+
+    def derivative(self, theta, xp=np):
+        return self.a * xp.sin(theta)
+
+
+def changed(graph, i, j, weight):
+    """Return a graph with one weight changed."""
+    weights = graph.weights.copy()
+    weights[i - 1, j - 1] = weight
+    return topology.Topology('custom', weights)
+
+
+FEW = 0.05
+"""Starts that do not form take as long as can be: some of them are enough to see it."""
+
+WRONG_SIGN = Subject(complete=topology.Topology('custom', -topology.complete().weights),
+                     rotating=topology.Topology('custom', -topology.rotating().weights),
+                     effort=FEW)
+WRONG_WEIGHT = Subject(complete=changed(topology.complete(), 1, 2, 0.4),
+                       rotating=changed(topology.rotating(), 2, 3, 0.6), effort=FEW)
+WRONG_GAIN = Subject(gains=(Rising(), Rising(0.5)), effort=FEW)
+
+BY_WRONG_SIGN = [
+    'closed-loop', 'angles', 'lyapunov', 'omega-attracts', 'proof-spectrum',
+    'commuting-split', 'centre-manifold', 'triangular', 'triangular-weighted', 'xi-split',
+    'xi-spectrum', 'locally-exponential', 'coplanar-decouples', 'coplanar-form',
+    'almost-global', 'almost-global-f2', 'weighted-graph',
+    'hurwitz-f1', 'hurwitz-f2', 'hurwitz-any', 'three-equations', 'rotating-forms']
+BY_WRONG_WEIGHT = [
+    'closed-loop', 'angles', 'lyapunov', 'omega-t-in-omega', 'proof-spectrum', 'commuting-split',
+    'centre-is-omega-t', 'triangular', 'triangular-weighted',
+    'omega-t-is-a-point', 'xi-split', 'xi-spectrum', 'coplanar-decouples', 'coplanar-form',
+    'cross', 'almost-global', 'weighted-graph', 'omega-t-invariant', 'hurwitz-f1', 'hurwitz-f2',
+    'three-equations', 'decomposition']
+BY_WRONG_GAIN = [
+    'assumption', 'locally-exponential', 'centre-manifold', 'hurwitz-f1', 'hurwitz-f2',
+    'almost-global', 'almost-global-f2', 'rotating-forms', 'coplanar-form', 'cross']
+
+
+def broken(subject):
+    """Return a subject whose runs of the nodes are of a formation that does not form."""
+    rng = np.random.default_rng(0)
+    times = np.arange(2000) * 0.01
+    wandering = sphere.normalize(np.cumsum(0.01 * rng.standard_normal((2000, 4, 3)), axis=0)
+                                 + sphere.random(rng, (4,)))
+    for graph in ('complete', 'rotating'):
+        for chosen in subject.gains:
+            for seed in range(8):
+                subject._runs[graph, chosen, seed] = Run(times, wandering, 0.01)
+    return subject
+
+
+def scaled_points(rng, shape=()):
+    return 1.1 * sphere.normalize(rng.standard_normal((*np.atleast_1d(shape).astype(int), 3)))
+
+
+def off_cosine(x, true=np.cos):
+    return true(x) - 0.1
+
+
+# What breaks each check that does not look at the law: (object, attribute, replacement).
+SABOTAGE = {
+    'geodesic': (rotation, 'exp', lambda w, true=rotation.exp: true(-np.asarray(w))),
+    'kinematics': (sphere, 'hat', lambda x, true=sphere.hat: -true(x)),
+    'cosine-formula': (sphere, 'random', scaled_points),
+    'simultaneous': (np.linalg, 'eig', lambda a, true=np.linalg.eig: (
+        true(a)[0], true(a)[1] + 0.01 * np.eye(len(a)))),
+    'exchange-commutes': (np, 'fliplr', lambda a: np.roll(a, 1, axis=1)),
+    'lambda-even': (claims, '_lambda_matrix', lambda n: np.ones((n, n)) - np.eye(n)),
+    'lambda-odd': (claims, '_lambda_matrix', lambda n: np.ones((n, n)) - np.eye(n)),
+    'theta-star': (coordinates, 'cosine_matrix', lambda c, true=coordinates.cosine_matrix: true(
+        np.asarray(c)[..., :3])),
+    'double-hat': (sphere, 'random', scaled_points),
+    'intrinsic': (claims.controller.Controller, 'receive', lambda *_: (0.0, 0.0, 0.0)),
+    'rotational-invariance': (claims.law, 'velocity', lambda gamma, weights, gain,
+                              true=claims.law.velocity: true(gamma, weights, gain)
+                              + np.array([0.0, 0.0, 0.1])),
+    'xi-round-trip': (coordinates, 'inverse', lambda xi, chirality: sphere.random(
+        np.random.default_rng(0), (len(xi), 4))),
+    'normalising': (coordinates, 'tilt', lambda phi, true=coordinates.tilt: true(-phi)),
+    'local-diffeomorphism': (coordinates, 'absolute', lambda gamma: 0.0 * gamma[..., 0, :]),
+    'gram-identity': (coordinates, 'gram_identity', lambda c: np.sum(np.square(c), axis=-1)),
+    'eight-degrees': (claims.stability, 'rotations', lambda gamma, bases: np.zeros((8, 3))),
+    'inequality': (np, 'cos', off_cosine),
+    'kkt-points': (np, 'cos', off_cosine),
+    'polynomial-system': (coordinates, 'cosine_matrix', lambda c, true=coordinates.cosine_matrix:
+                          true(0.5 * np.asarray(c))),
+    'disjoint-equilibria': (claims.stability, 'find_equilibria', lambda *_: ([], 300)),
+    'coplanar-unstable': (claims.stability, 'find_equilibria', lambda *_: ([], 300)),
+    'decomposition': (claims.stability, 'find_equilibria', lambda *_: ([], 300)),
+}
+
+
+def failures(keys, subject):
+    chosen = [CLAIMS[key] for key in keys]
+    return [entry.key for entry, finding, _ in verify.check(chosen, subject)
+            if not finding.passed]
+
+
+def test_every_mathematical_claim_holds():
+    rows = verify.check(verify.select(without_nodes=True), Subject())
+    assert [entry.key for entry, finding, _ in rows if not finding.passed] == []
+    assert len(rows) > 60
+
+
+def test_every_claim_about_the_nodes_holds(capfd):
+    nodes = [key for key, entry in CLAIMS.items() if entry.nodes]
+    assert len(nodes) >= 11
+    assert main(['verify', '--json', *nodes]) == 0
+    rows = json.loads(capfd.readouterr().out)
+    assert [row['claim'] for row in rows] == nodes
+    assert all(row['passed'] for row in rows)
+
+
+@pytest.mark.parametrize('subject, keys', [
+    (WRONG_SIGN, BY_WRONG_SIGN),
+    (WRONG_WEIGHT, BY_WRONG_WEIGHT),
+    (WRONG_GAIN, BY_WRONG_GAIN)], ids=['wrong sign', 'wrong weight', 'wrong gain'])
+def test_a_wrong_law_fails_the_rows_that_it_should(subject, keys):
+    assert failures(keys, subject) == keys
+
+
+@pytest.mark.parametrize('subject', [WRONG_SIGN, WRONG_WEIGHT, WRONG_GAIN],
+                         ids=['wrong sign', 'wrong weight', 'wrong gain'])
+def test_a_wrong_law_leaves_the_geometry_alone(subject):
+    keys = ['geodesic', 'cosine-formula', 'lambda-even', 'gram-identity', 'xi-round-trip',
+            'rotational-invariance', 'normalising', 'inequality']
+    assert failures(keys, subject) == []
+
+
+def test_a_wrong_sign_leaves_the_equilibria_where_they_are():
+    assert failures(['omega-t-in-omega', 'omega-t-invariant', 'omega-t-is-a-point'],
+                    WRONG_SIGN) == []
+
+
+@pytest.mark.parametrize('key', SABOTAGE)
+def test_a_check_without_the_law_can_fail_too(key, monkeypatch):
+    place, name, replacement = SABOTAGE[key]
+    monkeypatch.setattr(place, name, replacement)
+    finding = CLAIMS[key].check(Subject())
+    monkeypatch.undo()
+    assert not finding.passed
+
+
+def test_checks_of_the_nodes_fail_for_a_run_that_does_not_form():
+    nodes = [key for key, entry in CLAIMS.items() if entry.nodes]
+    assert failures(nodes, broken(Subject())) == nodes
+
+
+def test_nodes_with_the_wrong_law_fail_in_real_runs():
+    repelled = Subject(complete=WRONG_SIGN.complete, gains=(gain.Cosine(),) * 2)
+    keys = ['rate-complete-f1', 'figure-stationary']
+    assert failures(keys, repelled) == keys
+
+
+def test_every_claim_was_seen_to_fail():
+    seen = {*BY_WRONG_SIGN, *BY_WRONG_WEIGHT, *BY_WRONG_GAIN, *SABOTAGE,
+            *(key for key, entry in CLAIMS.items() if entry.nodes)}
+    assert set(CLAIMS) - seen == set()
+
+
+@pytest.mark.parametrize('key', MISPRINTS)
+def test_a_printed_form_fails_where_the_corrected_one_holds(key):
+    finding = MISPRINTS[key].as_claim().check(Subject())
+    assert finding.passed, finding
+
+
+def test_a_misprint_that_is_none_is_found_out():
+    entry = MISPRINTS['misprint-period']
+    harmless = type(entry)(entry.key, entry.label, '', '', lambda subject: (0.0, 0.0))
+    assert not harmless.as_claim().check(Subject()).passed
+
+
+def test_every_misprint_is_in_the_document():
+    document = MISPRINTS_DOCUMENT.read_text(encoding='utf-8')
+    for key, entry in MISPRINTS.items():
+        assert f'`{key}` | {entry.label} | {entry.printed} | {entry.corrected} |' in document
+
+
+def test_a_claim_that_does_not_exist_is_refused(capsys):
+    assert main(['verify', 'perido']) == 2
+    assert capsys.readouterr().err == (
+        "tetra: error: there is no claim 'perido' (did you mean 'period'?); "
+        'see tetra verify --list\n')
+
+
+def test_a_failing_row_makes_exit_status_1(monkeypatch, capsys):
+    monkeypatch.setattr(claims, '_lambda_matrix', lambda n: np.zeros((n, n)))
+    assert main(['verify', 'lambda-even']) == 1
+    assert 'FAILS' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(('formed', 'starts'), [(5, 10), (97, 100), (999, 1000), (0, 10)])
+def test_the_confidence_bound_is_where_so_many_would_be_this_rare(formed, starts):
+    bound = confidence.lower_bound(formed, starts)
+    drawn = np.random.default_rng(0).binomial(starts, bound, 200000) if bound else np.zeros(1)
+    if formed:
+        assert np.mean(drawn >= formed) == pytest.approx(0.05, abs=0.002)
+    assert bound <= formed / starts
+
+
+def test_the_bound_for_all_is_the_root_of_the_doubt():
+    assert confidence.lower_bound(1000000, 1000000) == pytest.approx(1.0 - 2.9957e-6, rel=1e-9)
+
+
+def test_theta_star_is_the_tetrahedrons():
+    assert np.cos(shapes.THETA_STAR) == pytest.approx(-1.0 / 3.0)

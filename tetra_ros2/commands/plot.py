@@ -1,0 +1,103 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``tetra plot``: the figures of a recording."""
+
+from contextlib import nullcontext
+import sys
+
+FIGURES = ('sphere', 'components', 'cosines', 'error', 'rates', 'timing')
+FORMATS = ('png', 'svg')
+
+
+def add_arguments(parser):
+    """Add the arguments of ``tetra plot``."""
+    parser.add_argument('bag', metavar='BAG', help='a rosbag2 directory')
+    parser.add_argument(
+        '--out', metavar='DIR', required=True,
+        help='directory to write the figures into; made if need be')
+    parser.add_argument(
+        '--only', nargs='+', choices=FIGURES, metavar='FIGURE', default=FIGURES,
+        help=f'of {", ".join(FIGURES)} (default: all)')
+    parser.add_argument(
+        '--format', nargs='+', choices=FORMATS, default=FORMATS, help='(default: both)')
+    parser.add_argument(
+        '--movie', action='store_true', help='write sphere.gif too: the formation as it moves')
+    parser.add_argument(
+        '--from', type=float, default=0.0, metavar='S', dest='start',
+        help='time since the first state to begin at [s] (default: %(default)s)')
+    parser.add_argument(
+        '--to', type=float, metavar='S', dest='end',
+        help='time to end at [s] (default: to the end)')
+    parser.add_argument(
+        '--namespace', metavar='NS', default=None,
+        help='of the formation, where the recording has several')
+
+
+def run(arguments):
+    """
+    Write the figures.
+
+    :returns: 0
+    :raises ConfigurationError: if the recording cannot be read, or nowhere be written to
+    """
+    import matplotlib
+    matplotlib.use('Agg')
+    from pathlib import Path
+
+    from tetra_ros2.config.parameters import ConfigurationError
+    from tetra_ros2.drawing import picture as drawing
+    from tetra_ros2.recording import plot as figures
+    from tetra_ros2.recording import reader as recording
+
+    out = Path(arguments.out)
+    with _progress() as show:
+        loaded = recording.load(
+            arguments.bag, arguments.namespace, lambda part: show('reading', 0.5 * part))
+        loaded = loaded.between(arguments.start, arguments.end)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigurationError(
+                f'cannot be written to: {error.strerror}', source=out) from None
+        run = figures.Run(loaded)
+        written = []
+        names = [name for name in FIGURES if name in arguments.only]
+        for k, name in enumerate(names):
+            show(name, 0.5 + 0.5 * k / len(names))
+            written += figures.write(run, name, out, arguments.format)
+        if arguments.movie:
+            written.append(drawing.write_movie(
+                loaded.times, loaded.gamma, run.edges, out / 'sphere.gif',
+                lambda part: show('movie', part)))
+        show('done', 1.0)
+    law = loaded.law
+    if law is not None:
+        gain = law.gain
+        print(f'{type(gain).__name__.lower()} gain, a = {gain.a:.6g}, as read off the commands')
+    elif loaded.commands:
+        print('the commands follow no gain that is known here, so no slope is predicted',
+              file=sys.stderr)
+    if loaded.dropped:
+        print(f'{loaded.dropped} states were repeated, out of order or invalid, and not used',
+              file=sys.stderr)
+    for path in written:
+        print(path)
+    return 0
+
+
+def _progress():
+    """Return a context that gives a function to show progress with, on a terminal only."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        return nullcontext(lambda _what, _part: None)
+
+    class Bar(Progress):
+        def __enter__(self):
+            super().__enter__()
+            task = self.add_task('', total=1.0)
+            return lambda what, part: self.update(task, description=what, completed=part)
+
+    return Bar(TextColumn('{task.description:<10}'), BarColumn(), console=console, transient=True)

@@ -1,0 +1,279 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The one home of every parameter: its name, default, range and meaning.
+
+The nodes declare these tables to ROS (:mod:`tetra_ros2.ros.parameters`), and configuration files
+are checked against them before any node starts (:mod:`tetra_ros2.config.configuration`).
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+import difflib
+import math
+import sys
+
+from tetra_ros2.formation import gain as gains
+from tetra_ros2.formation import topology as topologies
+
+
+class ConfigurationError(ValueError):
+    """
+    A configuration that cannot be used.
+
+    Its text names, as far as they are known, the source, the key, the value and what would be
+    right, in one line.
+    """
+
+    def __init__(self, problem, *, source=None, key=None):
+        self.problem, self.source, self.key = problem, source, key
+        super().__init__(': '.join(str(part) for part in (source, key, problem) if part))
+
+    def at(self, source):
+        """Return the same error with its source named."""
+        return ConfigurationError(self.problem, source=source, key=self.key)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """
+    One parameter of a node.
+
+    :param name: its ROS name; a dot separates the levels of the YAML file
+    :param default: its default; the type of the default is the type of the parameter, where
+        lists may be empty and ``items`` gives the type of their elements
+    :param description: one sentence, with the unit
+    :param minimum: the least value
+    :param maximum: the greatest value
+    :param choices: the only values, for strings
+    :param items: the type of the elements, for lists
+    :param dynamic: whether it may be changed while the node runs
+    """
+
+    name: str
+    default: object
+    description: str
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    items: type | None = None
+    dynamic: bool = False
+
+    @property
+    def expected(self):
+        """Return in words what a right value is."""
+        if self.choices:
+            return 'one of ' + ', '.join(self.choices)
+        if self.items:
+            return 'a list of ' + {float: 'finite numbers', str: 'strings'}[self.items]
+        kind = {int: 'an integer', float: 'a number', str: 'a string', bool: 'true or false'}
+        text = kind[type(self.default)]
+        if self.minimum is not None:
+            text += f' from {_number(self.minimum)}'
+            text += ' up' if self.maximum == math.inf else f' to {_number(self.maximum)}'
+        return text
+
+    def check(self, value):
+        """
+        Return the value, converted to the parameter's own type.
+
+        :raises ConfigurationError: if it is of another type or out of range
+        """
+        if self.items:
+            ok = not isinstance(value, (str, bytes, Mapping)) and isinstance(value, Iterable)
+            value = list(value) if ok else value
+            if ok and all(self._is(item, self.items) and self._is_finite(item)
+                          for item in value):
+                return tuple(self.items(item) for item in value)
+        elif self._is(value, type(self.default)):
+            if self.choices:
+                if value in self.choices:
+                    return value
+            elif self.minimum is None:
+                return value
+            elif self.minimum <= value <= self.maximum and (
+                    value == math.inf or self._is_finite(value)):
+                return type(self.default)(value)
+        raise ConfigurationError(
+            f'{shown(value)} is not valid{nearest(value, self.choices)}, '
+            f'expected {self.expected}', key=self.name)
+
+    @staticmethod
+    def _is_finite(value):
+        """Return whether a number is one that a float can hold; all else is finite enough."""
+        return isinstance(value, str) or abs(value) <= sys.float_info.max
+
+    @staticmethod
+    def _is(value, kind):
+        if isinstance(value, bool) or kind is bool:
+            return isinstance(value, bool) and kind is bool
+        if kind is float:
+            return isinstance(value, (int, float)) and value == value
+        return isinstance(value, kind)
+
+
+def _number(value):
+    """Return a bound as one would write it by hand."""
+    return str(value) if isinstance(value, int) else f'{value:g}'
+
+
+def shown(value, longest=60):
+    """Return a value as it should stand in a message, cut if it is long."""
+    text = repr(value)
+    return text if len(text) <= longest else text[:longest] + '...'
+
+
+def nearest(word, words):
+    """Return `` (did you mean ...?)`` if one of ``words`` is close to ``word``, or nothing."""
+    close = difflib.get_close_matches(str(word), words, n=1, cutoff=0.6)
+    return f' (did you mean {close[0]!r}?)' if close else ''
+
+
+FORMATION = (
+    Parameter(
+        'topology.kind', 'complete', 'Who sees whom.', choices=topologies.KINDS),
+    Parameter(
+        'topology.n', 4, 'Number of agents; the rotating topology needs 4.',
+        minimum=2, maximum=1000),
+    Parameter(
+        'topology.k', 1, 'Rotating topology: the agent on the axis of rotation.',
+        minimum=1, maximum=4),
+    Parameter(
+        'topology.p', 1, 'Rotating topology: the direction of the cycle of the other three.',
+        minimum=0, maximum=1),
+    Parameter(
+        'topology.edges', (),
+        'Custom topology: "i j" or "i j weight" for each agent j that agent i sees.', items=str),
+    Parameter(
+        'gain.kind', 'cosine', 'Family of the gain function f(theta).',
+        choices=tuple(gains.KINDS), dynamic=True),
+    Parameter(
+        'gain.a', 1.0, 'Amplitude of the gain function [rad/s].',
+        minimum=1e-9, maximum=1e9, dynamic=True),
+    Parameter(
+        'gain.b', 1.0, 'Shape of the gain function, in the families that have one.',
+        minimum=1e-9, maximum=1e9, dynamic=True),
+    Parameter(
+        'pointing_axis', (1.0, 0.0, 0.0),
+        'Pointing axes b_i in the body frames: 3 numbers for all agents, or 3 for each.',
+        items=float),
+)
+"""What all nodes of a formation share."""
+
+AGENT = FORMATION + (
+    Parameter(
+        'rate', 50.0, 'How often to answer with the newest measurements there are, while no full '
+        'set of one stamp comes in [Hz].', minimum=1e-3, maximum=1e5, dynamic=True),
+    Parameter(
+        'measurement_timeout', 0.5, 'A neighbour not heard of for longer than this stops the '
+        'agent [s].', minimum=1e-3, maximum=math.inf, dynamic=True),
+)
+
+PLANT = FORMATION + (
+    Parameter(
+        'mode', 'lockstep', 'How time passes: lockstep waits for every command, realtime for '
+        'none.', choices=('lockstep', 'realtime')),
+    Parameter(
+        'rate', 100.0, 'Steps per second of formation time [Hz].',
+        minimum=1e-3, maximum=1e5, dynamic=True),
+    Parameter(
+        'seed', -1, 'Seed of the random initial attitudes; -1 draws one and says which.',
+        minimum=-1, maximum=2**63 - 1),
+    Parameter(
+        'initial_attitudes', (), 'Initial attitudes as quaternions x, y, z, w of all agents, 4 n '
+        'numbers; empty for random ones.', items=float),
+    Parameter(
+        'command_timeout', 0.0, 'An agent whose command is older than this is held still [s]; 0 '
+        'stands for 0.5 in realtime and 30 in lockstep.',
+        minimum=0.0, maximum=math.inf, dynamic=True),
+    Parameter(
+        'max_angular_velocity', 1000.0, 'A command faster than this is dropped [rad/s].',
+        minimum=1e-9, maximum=1e9, dynamic=True),
+    Parameter(
+        'real_time_factor', 0.0, 'Lockstep: seconds of formation time per second; 0 for as fast '
+        'as the messages go.', minimum=0.0, maximum=1e6, dynamic=True),
+    Parameter(
+        'republish_period', 0.1, 'Lockstep: how long to wait before the measurements of a step '
+        'are sent again [s].', minimum=1e-3, maximum=60.0),
+    Parameter(
+        'measurement_noise', 0.0, 'Standard deviation of a measured direction, per axis [rad].',
+        minimum=0.0, maximum=1.0),
+    Parameter(
+        'measurement_delay', 0.0, 'How old the measurements are when they are sent [s]; rounded '
+        'up to whole steps.', minimum=0.0, maximum=60.0),
+    Parameter(
+        'measurement_loss', 0.0, 'Probability that a measurement is lost, and the one before it '
+        'sent again.', minimum=0.0, maximum=1.0),
+    Parameter(
+        'duration', 0.0, 'Pause when so much formation time has passed [s]; 0 for never.',
+        minimum=0.0, maximum=1e9),
+)
+
+MONITOR = FORMATION + (
+    Parameter(
+        'tolerance', 1e-3, 'A formation whose error stays below this has formed [rad].',
+        minimum=1e-15, maximum=math.pi, dynamic=True),
+)
+
+RECORDER = (
+    Parameter(
+        'output', '', 'Directory to record into; it must not exist yet.'),
+    Parameter(
+        'storage', 'mcap', 'Storage format.', choices=('mcap', 'sqlite3')),
+    Parameter(
+        'topics', (), 'Topics to record; empty for all topics of the formation.', items=str),
+    Parameter(
+        'regex', '', 'Record the topics whose full names match this regular expression too.'),
+)
+
+PARAMETERS = {'agent': AGENT, 'plant': PLANT, 'monitor': MONITOR, 'recorder': RECORDER}
+
+ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
+"""Parameters that every rclpy node has of its own, beside qos_overrides.*."""
+
+
+def check_parameters(node, given):
+    """
+    Return all parameters of a node, those given checked, the others at their defaults.
+
+    :param node: one of PARAMETERS
+    :param given: a mapping from names to values
+    :raises ConfigurationError: if a name is unknown or a value is not valid
+    """
+    specs = {spec.name: spec for spec in PARAMETERS[node]}
+    values = {name: spec.default for name, spec in specs.items()}
+    for name, value in given.items():
+        if name in specs:
+            values[name] = specs[name].check(value)
+        elif not is_ros_parameter(name):
+            raise ConfigurationError(
+                f'there is no such parameter of the {node}{nearest(name, specs)}', key=name)
+    return values
+
+
+def is_ros_parameter(name):
+    """Return whether every rclpy node has a parameter of this name."""
+    return name in ROS_PARAMETERS or name.startswith('qos_overrides.')
+
+
+def markdown():
+    """Return tables of all parameters, as they stand in the README."""
+    lines = []
+    shared = {spec.name for spec in FORMATION}
+    for title, specs in (
+            ('all nodes but the recorder', FORMATION),
+            *((kind, [s for s in specs if s.name not in shared])
+              for kind, specs in PARAMETERS.items())):
+        lines += [f'| {title} | default | | |', '|---|---|---|---|']
+        for spec in specs:
+            default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
+            star = '*' if spec.dynamic else ''
+            lines.append(f'| `{spec.name}`{star} | `{default!r}` | {spec.description} '
+                         f'| {spec.expected} |')
+        lines.append('')
+    return '\n'.join(lines)
+
+
+if __name__ == '__main__':
+    print(markdown())

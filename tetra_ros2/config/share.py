@@ -1,0 +1,23 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Where the files that are not Python ended up: config, launch, package.xml."""
+
+from pathlib import Path
+
+
+def share_directory():
+    """
+    Return the directory that holds ``package.xml``, ``config`` and ``launch``.
+
+    It is looked for upwards from this file. In a source tree (editable and symlink installs) it
+    is the top of the tree; below any installation prefix (a virtual environment, a user's site,
+    a colcon workspace, ``/opt/ros/jazzy``) it is ``share/tetra_ros2``.
+
+    :raises FileNotFoundError: if the installation is not whole
+    """
+    for parent in Path(__file__).resolve().parents[2:]:
+        for candidate in (parent, parent / 'share' / 'tetra_ros2'):
+            if (candidate / 'package.xml').is_file() and (candidate / 'config').is_dir():
+                return candidate
+    raise FileNotFoundError(f'share/tetra_ros2 was not installed with {Path(__file__).parent}')

@@ -1,0 +1,222 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The figures of a recording, with matplotlib."""
+
+from fractions import Fraction
+from functools import cached_property
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from tetra_ros2.drawing import colors
+from tetra_ros2.drawing import picture as drawing
+from tetra_ros2.drawing.theory import Theory
+from tetra_ros2.formation import measures
+
+POINTS = 1500
+"""As many points of a line as a figure can show."""
+
+FLOOR = 1e-16
+"""The error below which there is nothing but rounding [rad]."""
+
+STYLE = {'axes.edgecolor': colors.MUTED, 'axes.labelcolor': colors.INK, 'font.size': 10,
+         'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': True,
+         'grid.color': '#e3e7eb', 'grid.linewidth': 0.8, 'text.color': colors.INK,
+         'xtick.color': colors.MUTED, 'ytick.color': colors.MUTED, 'legend.frameon': False,
+         'svg.fonttype': 'none', 'svg.hashsalt': 'tetra'}
+
+
+class Run:
+    """
+    A recording and what follows from it, computed when it is asked for.
+
+    :param recording: a :class:`~tetra_ros2.recording.reader.Recording`
+    """
+
+    def __init__(self, recording):
+        self.recording = recording
+        self.times, self.gamma, self.n = recording.times, recording.gamma, recording.n
+
+        law = recording.law
+        self.theory = Theory(self.n) if law is None else Theory(self.n, law.rounded, law.gain)
+        self.shape = self.theory.shape
+        self.edges = tuple((i, j, 1.0) for i, j in recording.edges) if law is None \
+            else law.rounded.edges
+
+    @cached_property
+    def cosines(self):
+        """Return ``cos(theta_ij)`` for i < j, ``(k, n (n - 1) / 2)``."""
+        return measures.pairwise_cosines(self.gamma)
+
+    @cached_property
+    def error(self):
+        """Return how far the worst pairwise angle is [rad], from the last where none is known."""
+        return self.theory.error(self.gamma)
+
+    @cached_property
+    def predicted_rate(self):
+        """Return the rate [1/s] at which theory lets the error decay in the end, or None."""
+        return self.theory.rates(self.gamma[-1])[1]
+
+
+def write(run, name, directory, formats):
+    """
+    Write one figure.
+
+    :param run: a :class:`Run`
+    :param name: which
+    :param directory: an existing directory
+    :param formats: of ``png`` and ``svg``
+    :returns: the paths that were written
+    """
+    from matplotlib import rc_context
+    with rc_context(STYLE):
+        figure = _FIGURES[name](run)
+        paths = [directory / f'{name}.{suffix}' for suffix in formats]
+        for path in paths:
+            # No date: the same recording makes the same file.
+            figure.savefig(path, dpi=150, metadata={'Date': None} if path.suffix == '.svg' else {})
+    return paths
+
+
+def _axes(rows=1, size=(8.0, 4.2)):
+    figure = Figure(figsize=size, layout='constrained')
+    return figure, figure.subplots(rows, 1, sharex=True)
+
+
+def _thin(run, values):
+    """Return times and values, of which no more than a line can show."""
+    step = -(-len(run.times) // POINTS)
+    return run.times[::step], values[::step]
+
+
+def _legend(axes, count):
+    if count <= 12:
+        axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), handlelength=1.2,
+                    labelspacing=0.5)
+
+
+def _sphere(run):
+    figure = Figure(figsize=(5.4, 5.4))
+    drawing.draw(figure.add_axes((0.0, 0.0, 1.0, 1.0)), run.times, run.gamma, run.edges,
+                 trail=drawing.trail_time(run.times, run.gamma))
+    return figure
+
+
+def _components(run):
+    figure, rows = _axes(3, (8.0, 6.4))
+    for component, axes in enumerate(rows):
+        for i in range(1, run.n + 1):
+            axes.plot(*_thin(run, run.gamma[:, i - 1, component]), color=colors.agent(i),
+                      linewidth=1.4, label=f'agent {i}')
+        axes.set_ylim(-1.08, 1.08)
+        axes.set_ylabel(rf'$[\Gamma_i]_{component + 1}$')
+    _legend(rows[1], run.n)
+    rows[-1].set_xlabel('time [s]')
+    return figure
+
+
+def _cosines(run):
+    figure, axes = _axes()
+    pairs = measures.pairs(run.n)
+    for index, (i, j) in enumerate(pairs):
+        axes.plot(*_thin(run, run.cosines[:, index]), color=colors.pair(index), linewidth=1.4,
+                  linestyle=('-', '--', ':', '-.')[index // len(colors.AGENTS) % 4],
+                  label=rf'$\theta_{{{i}{j}}}$' if run.n < 10 else f'{i}, {j}')
+    if run.shape is not None:
+        targets = np.unique(np.round(np.cos(run.shape.angles), 9))
+        for target in targets:
+            axes.axhline(target, color=colors.INK, linestyle=(0, (4, 3)), linewidth=1.0, zorder=1)
+            fraction = Fraction(float(target)).limit_denominator(12)
+            axes.annotate(f'target ${fraction}$', (run.times[-1], target), (0, 4),
+                          textcoords='offset points', ha='right', fontsize=9)
+    axes.set(ylim=(-1.08, 1.08), xlabel='time [s]', ylabel=r'$\cos\,\theta_{ij}$')
+    _legend(axes, len(pairs))
+    return figure
+
+
+def _error(run):
+    figure, axes = _axes()
+    times, error = _thin(run, np.maximum(run.error, FLOOR))
+    axes.semilogy(times, error, color=colors.AGENTS[0], linewidth=1.8, label='measured')
+    if run.predicted_rate is not None and (anchor := _anchor(run)) is not None:
+        rate, (since, size) = run.predicted_rate, anchor
+        length = min(run.times[-1] - since, np.log(size / max(np.min(run.error), 1e-15)) / rate)
+        axes.semilogy([since, since + length], [2.0 * size, 2.0 * size * np.exp(-rate * length)],
+                      color=colors.AGENTS[1], linestyle=(0, (4, 3)), linewidth=1.6,
+                      label=f'predicted slope, ${-rate:.4g}$ 1/s')
+    goal = f'from the {run.shape.name}' if run.shape is not None else 'from the last shape'
+    axes.set(xlabel='time [s]', ylabel='error [rad]')
+    axes.set_title(f'largest deviation of a pairwise angle {goal}', loc='left', fontsize=10)
+    axes.legend(loc='upper right')
+    return figure
+
+
+def _anchor(run):
+    """Return time and size of the error when it last became small enough to be linear."""
+    large = np.flatnonzero(run.error > 0.1)
+    first = large[-1] + 1 if len(large) else 0
+    return (run.times[first], run.error[first]) if first < len(run.times) else None
+
+
+def _rates(run):
+    figure, axes = _axes()
+    speeds = np.linalg.norm(run.recording.body_rates, axis=-1)
+    for i in range(1, run.n + 1):
+        axes.plot(*_thin(run, speeds[:, i - 1]), color=colors.agent(i), linewidth=1.4,
+                  label=f'agent {i}')
+    if not run.recording.commands:
+        _say(axes, 'no commands were recorded')
+    axes.set(xlabel='time [s]', ylabel=r'commanded rate $|\omega_i|$ [rad/s]')
+    axes.set_ylim(bottom=0.0)
+    _legend(axes, run.n)
+    return figure
+
+
+def _say(axes, text):
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha='center', color=colors.MUTED)
+
+
+def _timing(run):
+    figure = Figure(figsize=(8.0, 6.4), layout='constrained')
+    top, middle, bottom = figure.subplots(3, 1)
+    periods = np.diff(run.recording.stamps) / 1e6
+    step = -(-len(periods) // (4 * POINTS))
+    typical = float(np.median(periods)) if len(periods) else 0.0
+    top.plot(run.times[1:][::step], periods[::step], '.', color=colors.AGENTS[0], markersize=2.5)
+    top.set(xlabel='time [s]', ylabel='period [ms]')
+    top.set_title(f'period of the state: median {typical:.4g} ms', loc='left', fontsize=10)
+    top.set_ylim(bottom=0.0)
+    jitter = np.abs(periods - typical)
+    middle.set(xlabel='jitter, |period - median| [ms]', ylabel='share of periods above')
+    if np.any(jitter > 1e-9):
+        ordered = np.sort(np.maximum(jitter, 1e-3))
+        share = 1.0 - np.arange(len(ordered)) / len(ordered)
+        step = -(-len(ordered) // POINTS)
+        middle.loglog(ordered[::step], share[::step], color=colors.AGENTS[0], linewidth=1.6)
+        worst = float(np.percentile(jitter, 99.0))
+        middle.set_title(f'jitter: 99 % below {worst:.3g} ms', loc='left', fontsize=10)
+    else:
+        _say(middle, 'none: every period is the same to the nanosecond')
+    ages = {i: 1e3 * run.recording.ages(i) for i in sorted(run.recording.commands)}
+    for i, age in ages.items():
+        ordered = np.sort(age[np.isfinite(age)])
+        if not len(ordered):
+            continue
+        share = np.arange(1, len(ordered) + 1) / len(ordered)
+        keep = np.unique(np.linspace(0, len(ordered) - 1, POINTS).astype(int))
+        bottom.step(np.concatenate([ordered[:1], ordered[keep]]),
+                    np.concatenate([[0.0], share[keep]]), where='post', color=colors.agent(i),
+                    linewidth=1.6, label=f'agent {i}')
+    if not ages:
+        _say(bottom, 'no commands were recorded')
+    bottom.set(xlabel='age of the newest command when the next state came [ms]',
+               ylabel='share below', ylim=(-0.03, 1.03))
+    bottom.set_xlim(left=0.0)
+    _legend(bottom, run.n if ages else 99)
+    return figure
+
+
+_FIGURES = {'sphere': _sphere, 'components': _components, 'cosines': _cosines, 'error': _error,
+            'rates': _rates, 'timing': _timing}

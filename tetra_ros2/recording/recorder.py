@@ -1,0 +1,278 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The recorder: serialised messages, as they come, into a rosbag2 directory.
+
+It needs no rosbag2: the files are written by rosbags, in a process of its own, see
+:mod:`tetra_ros2.recording.writer`; ``ros2 bag``, Foxglove and PlotJuggler read them.
+"""
+
+from collections import Counter
+from contextlib import suppress
+from datetime import datetime
+from importlib import import_module
+from operator import itemgetter
+from pathlib import Path
+import re
+import shutil
+import time
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+import rosbags  # noqa: F401, to miss it here and not in the process that writes
+
+from tetra_ros2.config.configuration import check_new
+from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.formation.checks import Rejected
+from tetra_ros2.recording.writer import BagError, BagWriter
+from tetra_ros2.ros import diagnostics, executor, parameters
+from tetra_ros2.ros.node import FormationNode
+from tetra_ros2.wire import cdr, names
+
+DISCOVERY_PERIOD = 0.1
+"""How often to look for topics that have appeared [s]."""
+
+READING_PERIOD = 0.01
+"""How often to read what has come [s]."""
+
+DEPTH = 10000
+"""How many messages of a topic may wait to be read."""
+
+
+class Recorder(FormationNode):
+    """
+    The node ``recorder``; it records from its making to its :meth:`close`.
+
+    Messages are filed under the time of their arrival; with ``use_sim_time`` that is the time of
+    /clock, and recording begins with the first of it.
+
+    It does not have the executor call it for each message, which would cost as much again as the
+    message: DDS notes when it came, and now and then all that have come are read.
+
+    :param sim_time: whether to go by /clock even without the parameter, which makes rclpy take
+        every message of it apart
+    :param kwargs: what rclpy's Node takes beside its name
+    :raises ConfigurationError: if a parameter is not valid, or the output cannot be made; an
+        existing path is never written to
+    """
+
+    def __init__(self, *, sim_time=False, **kwargs):
+        super().__init__(names.RECORDER, **kwargs)
+        values = parameters.declare(self, 'recorder', self._accept, lambda _: None)
+        self._wanted = re.compile('|'.join(f'(?:{p})' for p in self._patterns(values)))
+        self.path = Path(values['output'] or f'tetra_{datetime.now():%Y_%m_%d-%H_%M_%S}')
+        self.exclusive_inputs = False
+        sim_time = sim_time or self.get_parameter('use_sim_time').value
+        self._sim_time = 0 if sim_time else None  # what /clock said last [ns], 0 for nothing yet
+        self._number_of_clock = None  # the number of that topic, None if it is not to be recorded
+        self._recorded = []  # topics, by the number that the writer gave them
+        self._heard, self._refused = set(), set()  # topics, and those that cannot be recorded
+        self._queues = []  # for each topic: its number, and what gives its next message
+        self._ahead = []  # what came while the last reading went on
+        self._written = Counter()  # how many messages, by the topic's number
+        self._writer = self._open(values['storage'])
+        self.report_health()
+        self.create_steady_timer(DISCOVERY_PERIOD, self.discover)
+        self.create_steady_timer(READING_PERIOD, self._read)
+        self.discover()
+
+    def _accept(self, values):
+        try:
+            re.compile(values['regex'])
+        except re.error as error:
+            raise ConfigurationError(
+                f'{values["regex"]!r} is not a regular expression: {error}', key='regex') from None
+
+    def _patterns(self, values):
+        """Return regular expressions of the full names of the topics to record."""
+        namespace = self.get_namespace().rstrip('/')
+        patterns = [re.escape(topic if topic.startswith('/') else f'{namespace}/{topic}')
+                    for topic in values['topics']]
+        if values['regex']:
+            patterns.append(values['regex'])
+        if not patterns:
+            patterns = [f'{re.escape(namespace)}/(?:{p})' for p in names.FORMATION_TOPICS]
+            patterns.append(re.escape(names.CLOCK))
+        return patterns
+
+    def _open(self, storage):
+        check_new(self.path)
+        try:
+            writer = BagWriter(self.path, storage)
+        except BagError as error:
+            raise ConfigurationError(
+                f'cannot be recorded into: {error}', source=self.path) from None
+        self.get_logger().info(f'recording into {self.path}')
+        return writer
+
+    def close(self):
+        """End the recording; what has come so far is all there, and the bag is complete."""
+        self._read()
+        self._write(self._ahead)
+        if self._writer is None:
+            return
+        try:
+            self._writer.close()
+        except BagError as error:
+            self._fail(error)
+            return
+        self._end()
+        self.get_logger().info(
+            f'{sum(self.counts.values())} messages of {len(self.counts)} topics are in '
+            f'{self.path}')
+
+    def discard(self):
+        """Record nothing after all: the directory goes, which was made for this recording."""
+        if self._writer is not None:
+            self._writer.abort()
+            self._end()
+            shutil.rmtree(self.path)
+
+    def _fail(self, error):
+        """Give up recording: what is on the disk stays there, and may have to be recovered."""
+        self._writer.abort()
+        self._end()
+        self.exit_status = 1
+        self.get_logger().error(f'{self.path} cannot be written any more: {error}')
+
+    def _end(self):
+        """Listen no more: what nobody reads would pile up."""
+        self._writer = None
+        self._queues.clear()
+        self._ahead.clear()
+        while self.inputs:
+            self.destroy_subscription(self.inputs.pop())
+
+    @property
+    def counts(self):
+        """Return how many messages of each topic were recorded."""
+        self._read()
+        return {topic: self._written[k] for k, topic in enumerate(self._recorded)}
+
+    def _follow(self, message):
+        try:
+            self._sim_time = cdr.time(message)
+        except Rejected as rejection:
+            self.health.reject(rejection, names.CLOCK)
+
+    def _read(self):
+        """Have all that has come written, in the order in which it came."""
+        come, self._ahead = self._ahead, []
+        begun = time.time_ns()
+        for number, take in self._queues:
+            latest = 0
+            while (taken := take()) is not None:
+                message, info = taken
+                # Not every middleware tells when a message came.
+                at = info['received_timestamp'] or info['source_timestamp']
+                if at > latest:  # else it was sent again, and was not to be read before this one
+                    latest = at
+                # What came since this began may have followed something on a topic that was read
+                # before, so it waits for that.
+                (come if latest <= begun else self._ahead).append((latest, number, message))
+        self._write(come)
+
+    def _write(self, come):
+        """Have messages written: lists of when they came [ns], topic and bytes."""
+        come.sort(key=itemgetter(0))
+        messages = []
+        for at, number, message in come:
+            if self._sim_time is not None:
+                if number == self._number_of_clock:
+                    self._follow(message)
+                at = self._sim_time
+            if at and number is not None:
+                messages.append((number, at, message))
+        if not messages or self._writer is None:
+            return
+        try:
+            self._writer.write(messages)
+        except BagError as error:
+            self._fail(error)
+            return
+        self._written.update([number for number, _, _ in messages])
+
+    def discover(self):
+        """Begin to record those of the wanted topics that have appeared."""
+        for topic, types in self.get_topic_names_and_types():
+            if self._writer is None:  # even the last topic may have been one too many
+                return
+            wanted = self._wanted.fullmatch(topic)
+            if topic in self._heard or (topic, types[0]) in self._refused or not (
+                    wanted or self._goes_by(topic)):
+                continue
+            if publishers := self.get_publishers_info_by_topic(topic):
+                self._listen(topic, types[0], publishers, wanted)
+
+    def _goes_by(self, topic):
+        return topic == names.CLOCK and self._sim_time is not None
+
+    def _listen(self, topic, type_name, publishers, wanted):
+        """Subscribe to a topic, and announce it to the process that writes if it is wanted."""
+        package, _, name = type_name.split('/')
+        message_type = number = None
+        with suppress(ImportError):
+            message_type = getattr(import_module(f'{package}.msg'), name, None)
+        if message_type is not None and wanted:
+            try:
+                number = self._writer.add_topic(
+                    topic, type_name, str(publishers[0].topic_type_hash),
+                    [_offered(publisher.qos_profile) for publisher in publishers])
+            except BagError as error:
+                self._fail(error)
+                return
+        if message_type is None or (wanted and number is None):
+            self._refused.add((topic, type_name))
+            self.get_logger().warning(f'{topic} is not recorded, its type {type_name} is unknown')
+            return
+        profile = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
+            reliability=_common(publishers, 'reliability', ReliabilityPolicy.RELIABLE,
+                                ReliabilityPolicy.BEST_EFFORT),
+            durability=_common(publishers, 'durability', DurabilityPolicy.TRANSIENT_LOCAL,
+                               DurabilityPolicy.VOLATILE))
+        subscription = self.create_subscription(
+            message_type, topic, _never_called, profile, raw=True)
+        self.inputs.append(subscription)
+        self._heard.add(topic)
+        if wanted:
+            self._recorded.append(topic)
+        if self._goes_by(topic):
+            self._number_of_clock = number
+        self._queues.append((number, self.queue(subscription)))
+
+    def assess(self):
+        """Return level, message and figures for the diagnostics."""
+        counts = self.counts
+        total = sum(counts.values())
+        values = {'path': self.path, 'topics': len(counts), 'messages': total,
+                  **self.health.rates({'message rate [Hz]': total}),
+                  **{f'messages on {topic}': n for topic, n in counts.items()}}
+        if self._writer is None:
+            return diagnostics.ERROR, 'not recording any more', values
+        if not counts:
+            return diagnostics.WARN, 'no topic to record yet', values
+        return diagnostics.OK, 'recording', values
+
+
+def _never_called(_message):
+    """Stand for the callback that rclpy wants: messages are read instead."""
+
+
+def _common(publishers, policy, strong, weak):
+    """Return the stronger policy if all publishers offer it, so that all can be heard."""
+    offered = {getattr(publisher.qos_profile, policy) for publisher in publishers}
+    return strong if offered == {strong} else weak
+
+
+def _offered(profile):
+    """Return a quality of service profile as :class:`BagWriter` takes it."""
+    return (profile.history.value, profile.depth, profile.reliability.value,
+            profile.durability.value, profile.deadline.nanoseconds, profile.lifespan.nanoseconds,
+            profile.liveliness.value, profile.liveliness_lease_duration.nanoseconds,
+            profile.avoid_ros_namespace_conventions)
+
+
+def main(config=None, arguments=()):
+    """Record until signalled; see :func:`tetra_ros2.ros.executor.run`."""
+    return executor.run(Recorder, config, arguments)

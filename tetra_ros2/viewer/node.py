@@ -1,0 +1,343 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The viewer: the running formation in a browser.
+
+It relies on the topics, services and parameters of the contract and on nothing else. Who the
+agents are it learns from the state, who sees whom from the names of topics, weights and gain from
+the parameters of the agents, if they have any.
+"""
+
+from collections import deque
+from functools import partial
+import queue
+import re
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
+import numpy as np
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import SetBool, Trigger
+
+from tetra_ros2.config.configuration import Formation
+from tetra_ros2.config.parameters import check_parameters, ConfigurationError, FORMATION
+from tetra_ros2.drawing.theory import Theory
+from tetra_ros2.formation.checks import Rejected, require_unit
+from tetra_ros2.formation.topology import Topology
+from tetra_ros2.ros import diagnostics, executor, qos
+from tetra_ros2.ros.node import FormationNode
+from tetra_ros2.viewer.panel import Controls, FRAME_PERIOD, Page
+from tetra_ros2.viewer.server import serve, stop
+from tetra_ros2.wire import cdr, names
+
+LATEST = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Who only looks may miss something, and must not keep the plant waiting."""
+
+MOST_STATES = 12
+"""States looked at for one picture; those between them nobody would see."""
+
+SHARE = 0.02
+"""
+How much of the time may go into pictures while the plant, in this same process, runs as fast as it
+can; what the web server makes of them costs as much again.
+"""
+
+FAST = 1500.0
+"""States per second from which on it does so: nobody asks for these to look at them."""
+
+STATUS_PERIOD = 0.25
+"""How often the line of status is written [s]."""
+
+INQUIRY_PERIOD = 1.0
+"""How often to look who is there and how they are set [s]."""
+
+PATIENCE = 2.0
+"""After how long without a state [s] the plant is taken to have gone."""
+
+_PLANT_PARAMETERS = ('mode', 'real_time_factor', 'initial_attitudes')
+_FORMATION_PARAMETERS = tuple(spec.name for spec in FORMATION)
+
+
+class Viewer(FormationNode):
+    """
+    The node ``viewer``.
+
+    :param host: address that the web server listens on
+    :param port: its port; 0 for any that is free
+    :param watch: called with a function that takes the bytes of every state, where somebody in
+        this process has them already; by default the viewer subscribes for itself
+    :param kwargs: what rclpy's Node takes beside its name
+    :raises ConfigurationError: if the port is taken; see :func:`tetra_ros2.viewer.server.serve`
+    """
+
+    def __init__(self, *, host='127.0.0.1', port=8080, watch=None, **kwargs):
+        super().__init__(names.VIEWER, **kwargs)
+        self.exclusive_inputs = False  # everybody publishes diagnostics
+        self.page = Page(serve(host, port))
+        self._inbox = deque(maxlen=10000)
+        self._requests = queue.SimpleQueue()  # what the server's threads ask of this one
+        self._controls = Controls(self.page, _Actions(self._requests))
+        self.page.finish()
+        self._codec = None
+        self._states = self._pictures = 0
+        self._heard_at = None
+        self._shares = watch is not None
+        self._drawn_at = self._next_picture = self._next_status = 0.0
+        self._plant_paused = False
+        self._settings = {}  # parameters of each node that answered, by the node's name
+        self._pending = {}
+        self._named_clients = {}
+        prefix = re.escape(self.resolve_topic_name('x')[:-1])
+        self._edge = re.compile(prefix + names.relative_attitude(r'(\d+)', r'(\d+)'))
+        self.report_health()
+        self.listen(DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.REPORTS)
+        if watch is None:
+            self.listen(PoseArray, names.ATTITUDES, lambda m: self._inbox.append(m), LATEST)
+        else:
+            watch(self._inbox.append)
+        self.create_steady_timer(FRAME_PERIOD, self._refresh)
+        self.create_steady_timer(INQUIRY_PERIOD, self._inquire)
+        self._show_status()
+        self.get_logger().info(f'open {self.page.address} in a browser')
+
+    def close(self):
+        """Send the browsers away."""
+        stop(self.page.server)
+
+    def _refresh(self):
+        """Do what was asked for, and draw what has come."""
+        while not self._requests.empty():
+            action, arguments = self._requests.get()
+            getattr(self, action)(*arguments)
+        begun = time.monotonic()
+        if begun < self._next_picture:
+            return
+        rate = len(self._inbox) / (begun - self._drawn_at)
+        self._drawn_at = begun
+        if self._inbox:
+            self._take_states()
+        if begun >= self._next_status:
+            self._next_status = begun + STATUS_PERIOD
+            self._show_status()
+        self.page.draw()
+        self._pictures += self.page.watched
+        if not self.page.watched:
+            self._next_picture = begun + STATUS_PERIOD
+        elif self._shares and rate > FAST:
+            self._next_picture = begun + (time.monotonic() - begun) / SHARE
+
+    def _take_states(self):
+        messages = [self._inbox.popleft() for _ in range(len(self._inbox))]
+        self._states += len(messages)
+        step = -(-len(messages) // MOST_STATES)
+        for message in messages[::-step][::-1]:
+            try:
+                stamp, gamma = self._decode(message)
+            except Rejected as rejection:
+                self.health.reject(rejection, names.ATTITUDES)
+                continue
+            self._heard_at = time.monotonic()
+            self.page.history.add(stamp, gamma)
+
+    def _decode(self, message):
+        """Return stamp [ns] and reduced attitudes ``(n, 3)`` of a state of however many agents."""
+        n = cdr.sequence_length(message)
+        if self._codec is None or self._codec[0] != n:
+            if not 1 < n <= 1000:
+                raise Rejected(Rejected.MALFORMED)
+            self._codec = n, cdr.pose_array(names.WORLD, n).decode
+        stamp, numbers = self._codec[1](message)
+        gamma = np.array(numbers).reshape(n, 7)[:, :3]
+        for direction in gamma.tolist():
+            require_unit(*direction)
+        return stamp, gamma
+
+    def _on_diagnostics(self, message):
+        plant = self.resolve_service_name(names.PLANT)
+        for status in deserialize_message(message, DiagnosticArray).status:
+            if status.name == plant:
+                self._plant_paused = status.message.startswith('paused')
+                self._controls.show_paused(self._plant_paused)
+
+    def _show_status(self):
+        history = self.page.history
+        if self._heard_at is None:
+            self.page.say(f'**waiting** for `{self.resolve_topic_name(names.ATTITUDES)}`')
+            return
+        elapsed = (history.stamp - history.started_at) / 1e9
+        state = '**paused**' if self._plant_paused else '**running**'
+        silent = time.monotonic() - self._heard_at
+        if silent > PATIENCE:
+            state = '**no states** for some time: is the plant gone?'
+        self.page.say(f'{len(history.gamma)} agents, {state}, t = {elapsed:.1f} s')
+
+    # Parameters of the others
+
+    def _inquire(self):
+        """Look who sees whom, and ask the agents and the plant how they are set."""
+        found = (self._edge.fullmatch(topic) for topic, _ in self.get_topic_names_and_types())
+        edges = sorted({(int(m[1]), int(m[2])) for m in found if m})
+        weights = self._know()
+        if weights is not None:
+            # DDS remembers the topics of a plant that died, of more agents perhaps, for a while.
+            edges = [(i, j) for i, j in edges if max(i, j) <= len(weights)]
+        self.page.edges = tuple(
+            (i, j, None if weights is None else float(weights[i - 1, j - 1])) for i, j in edges)
+        if not self.page.watched:
+            return
+        n = 0 if self.page.history.gamma is None else len(self.page.history.gamma)
+        self._ask(names.PLANT, _PLANT_PARAMETERS)
+        for i in range(1, n + 1):
+            self._ask(names.agent(i), _FORMATION_PARAMETERS)
+        plant = self._settings.get(names.PLANT, {})
+        self._controls.show_plant(
+            self._client(SetBool, names.PAUSE).service_is_ready(),
+            plant.get('mode') == 'lockstep' and 'real_time_factor' in plant)
+
+    def _know(self):
+        """Put together what the agents say; return the weights, or None if that is not all."""
+        history = self.page.history
+        if history.gamma is None:
+            return None
+        n = len(history.gamma)
+        formations = [self._formation(names.agent(i)) for i in range(1, n + 1)]
+        if None in formations or any(f.topology.n != n for f in formations):
+            self.page.theory = Theory(n)
+            self._controls.show_gain(None)
+            return None
+        weights = np.stack([f.topology.weights[k] for k, f in enumerate(formations)])
+        gain = formations[0].gain
+        if any(f.gain != gain or type(f.gain) is not type(gain) for f in formations):
+            gain = None
+        self.page.theory = Theory(n, Topology('custom', weights), gain)
+        self._controls.show_gain(gain)
+        return weights
+
+    def _formation(self, node):
+        """Return the formation as a node is told of it, or None if it did not say."""
+        settings = self._settings.get(node)
+        if not settings or not set(_FORMATION_PARAMETERS) <= set(settings):
+            return None
+        try:
+            return Formation.from_parameters(check_parameters('agent', settings))
+        except ConfigurationError:
+            return None  # somebody else's node, with parameters of the same names
+
+    def _client(self, kind, name):
+        if name not in self._named_clients:
+            self._named_clients[name] = self.create_client(kind, name)
+        return self._named_clients[name]
+
+    def _ask(self, node, parameters):
+        """Ask a node for parameters, unless it still owes an answer."""
+        client = self._client(GetParameters, f'{node}/get_parameters')
+        pending = self._pending.get(node)
+        if not client.service_is_ready():
+            self._settings.pop(node, None)
+            if pending is not None:
+                client.remove_pending_request(self._pending.pop(node))
+        elif pending is None or pending.done():
+            self._pending[node] = future = client.call_async(
+                GetParameters.Request(names=parameters))
+            future.add_done_callback(partial(self._on_parameters, node, parameters))
+
+    def _on_parameters(self, node, parameters, future):
+        if future.cancelled() or future.exception() is not None:
+            return
+        values = dict(zip(parameters, map(parameter_value_to_python, future.result().values)))
+        self._settings[node] = {k: v for k, v in values.items() if v is not None}
+
+    # What people ask for; each of these runs in the executor's thread
+
+    def pause(self, paused):
+        """Let the plant rest, or go on."""
+        self._call(SetBool, names.PAUSE, SetBool.Request(data=paused),
+                   lambda _: self._on_paused(paused))
+
+    def _on_paused(self, paused):
+        self._plant_paused = paused
+        self._controls.show_paused(paused)
+
+    def reset(self):
+        """Let the plant go back to its initial condition, as it understands that."""
+        self._call(Trigger, names.RESET, Trigger.Request(),
+                   lambda response: self.page.notify('reset', response.message, 'green'))
+
+    def start_at_random(self):
+        """Let the plant start anew at random; it does so by itself unless it was told where."""
+        if not self._settings.get(names.PLANT, {}).get('initial_attitudes'):
+            self.reset()
+            return
+        self._set(names.PLANT, Parameter('initial_attitudes', Parameter.Type.DOUBLE_ARRAY, []),
+                  self.reset)
+
+    def set_gain(self, a):
+        """Give all agents this amplitude of the gain [rad/s], and all others who have one."""
+        nodes = [node for node in self._settings if node != names.PLANT]
+        for node in (*nodes, names.PLANT, names.MONITOR):
+            self._set(node, Parameter('gain.a', value=float(a)))
+
+    def set_speed(self, factor):
+        """Let formation time pass so many times as fast as time; 0 for as fast as it can."""
+        self._set(names.PLANT, Parameter('real_time_factor', value=float(factor)))
+
+    def _set(self, node, parameter, then=None):
+        message = ParameterMessage(name=parameter.name, value=parameter.get_parameter_value())
+
+        def on_answer(response):
+            result = response.results[0]
+            if not result.successful:
+                self.page.notify(f'{node} does not take that', result.reason)
+            elif then is not None:
+                then()
+
+        self._call(SetParameters, f'{node}/set_parameters',
+                   SetParameters.Request(parameters=[message]), on_answer,
+                   required=node != names.MONITOR)
+
+    def _call(self, kind, name, request, then, required=True):
+        """Call a service; nobody waits for the answer, and if there is none, somebody is told."""
+        client = self._client(kind, name)
+        if not client.service_is_ready():
+            if required:
+                self.page.notify('nobody is there', f'{client.srv_name} does not answer')
+            return
+
+        def on_done(future):
+            if future.exception() is not None:
+                self.page.notify(f'{name} failed', str(future.exception()))
+            else:
+                then(future.result())
+
+        client.call_async(request).add_done_callback(on_done)
+
+    def assess(self):
+        """Return level, message and figures for the diagnostics."""
+        values = {'browsers': len(self.page.server.get_clients()), 'address': self.page.address,
+                  **self.health.rates({'state rate [Hz]': self._states,
+                                       'picture rate [Hz]': self._pictures})}
+        if self._heard_at is None:
+            return diagnostics.WARN, 'waiting for attitudes', values
+        return diagnostics.OK, 'showing', values
+
+
+class _Actions:
+    """Puts what is asked for where the executor's thread finds it."""
+
+    def __init__(self, requests):
+        self._requests = requests
+
+    def __getattr__(self, name):
+        return lambda *arguments: self._requests.put((name, arguments))
+
+
+def main(host, port, config=None, arguments=()):
+    """Run the viewer until it is signalled; see :func:`tetra_ros2.ros.executor.run`."""
+    return executor.run(partial(Viewer, host=host, port=port), config, arguments)

@@ -1,0 +1,121 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``tetra viewer --bag``: a recording in a browser, with a time slider; no ROS in here."""
+
+import signal
+import threading
+import time
+
+import numpy as np
+
+from tetra_ros2.drawing.theory import Theory
+from tetra_ros2.recording import reader as recording
+from tetra_ros2.viewer.history import History, WINDOW
+from tetra_ros2.viewer.panel import FRAME_PERIOD, Page
+from tetra_ros2.viewer.server import serve, stop
+
+SPEEDS = {'¼': 0.25, '1': 1.0, '4': 4.0, '16': 16.0}
+
+
+class Replay:
+    """
+    A recording that plays.
+
+    :param page: a :class:`~tetra_ros2.viewer.panel.Page`
+    :param loaded: a :class:`~tetra_ros2.recording.reader.Recording`
+    """
+
+    def __init__(self, page, loaded):
+        self._page, self._recording = page, loaded
+        self._times = loaded.times
+        self._end = float(self._times[-1])
+        self._lock = threading.Lock()  # the buttons are pressed in the server's threads
+        self._time = 0.0
+        self._index = None  # of the state that is shown
+        self._playing = True
+        self._speed = 1.0
+        law = loaded.law
+        if law is not None:
+            page.theory = Theory(loaded.n, law.rounded, law.gain)
+            page.edges = law.rounded.edges
+        else:
+            page.theory = Theory(loaded.n)
+            page.edges = tuple((i, j, None) for i, j in loaded.edges)
+        self._make_controls(page.server.gui)
+        page.finish()
+
+    def _make_controls(self, gui):
+        with gui.add_folder('recording'):
+            self._play = gui.add_button('Pause')
+            # Fine enough for every pixel, and a number of steps that the slider can do.
+            step = max(self._end / 2000.0, 1e-3)
+            self._slider = gui.add_slider('time [s]', 0.0, self._end, step, 0.0)
+            speed = gui.add_button_group('speed', tuple(SPEEDS))
+        self._play.on_click(lambda _: self._toggle())
+        self._slider.on_update(
+            lambda event: event.client is not None and self.seek(float(self._slider.value)))
+        speed.on_click(lambda _: setattr(self, '_speed', SPEEDS[speed.value]))
+
+    def _toggle(self):
+        with self._lock:
+            self._playing = not self._playing
+            if self._playing and self._time >= self._end:
+                self._time = 0.0
+
+    def seek(self, moment):
+        """Go to a time since the first state [s]."""
+        with self._lock:
+            self._time = min(max(moment, 0.0), self._end)
+
+    def advance(self, elapsed):
+        """Play so much further [s of wall time], and draw what is to be seen then."""
+        with self._lock:
+            if self._playing:
+                self._time = min(self._time + elapsed * self._speed, self._end)
+                self._playing = self._time < self._end
+            moment, playing = self._time, self._playing
+        self._show(int(np.searchsorted(self._times, moment, side='right')) - 1)
+        self._page.show(self._play, 'label', 'Pause' if playing else 'Play')
+        self._page.show(self._slider, 'value', round(moment, 3))
+        self._page.say(f'`{self._recording.path.name}`, {self._recording.n} agents, '
+                       f'{"**playing**" if playing else "**paused**"}, '
+                       f't = {moment:.2f} s of {self._end:.2f} s')
+        self._page.draw()
+
+    def _show(self, index):
+        """Let the history be what it was at a state."""
+        before, self._index = self._index, index
+        stamps, gamma = self._recording.stamps, self._recording.gamma
+        if before is None or not before <= index:
+            self._page.history = History()
+            self._page.history.started_at = stamps[0]
+            before = int(np.searchsorted(self._times, self._times[index] - WINDOW)) - 1
+        for k in range(before + 1, index + 1):
+            if k == index or self._page.history.wants(stamps[k]):
+                self._page.history.add(int(stamps[k]), gamma[k])
+        self._page.history.started_at = int(stamps[0])
+
+
+def run(arguments):
+    """
+    Show a recording until a signal comes.
+
+    :param arguments: parsed arguments of ``tetra viewer``
+    :returns: 0
+    :raises ConfigurationError: if the recording cannot be read or the port is taken
+    """
+    signalled = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: signalled.set())
+    loaded = recording.load(arguments.bag, arguments.namespace or None)
+    page = Page(serve(arguments.host, arguments.port))
+    replay = Replay(page, loaded)
+    print(f'open {page.address} in a browser', flush=True)
+    last = time.monotonic()
+    while not signalled.wait(FRAME_PERIOD):
+        now = time.monotonic()
+        replay.advance(now - last)
+        last = now
+    stop(page.server)
+    return 0
