@@ -25,7 +25,7 @@ from tetra_ros2.config.parameters import (
     PARAMETERS,
     shown,
 )
-from tetra_ros2.config.share import share_directory
+from tetra_ros2.config.share import shipped
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import sphere
 from tetra_ros2.formation import topology as topologies
@@ -349,12 +349,12 @@ def find_file(name):
             return path
     except OSError as error:
         raise ConfigurationError(f'cannot be read: {error.strerror}', source=name) from None
-    shipped = {file.stem: file for file in sorted((share_directory() / 'config').glob('*.yaml'))}
-    if str(name) in shipped:
-        return shipped[str(name)]
+    known = shipped()
+    if str(name) in known:
+        return known[str(name)]
     problem = 'is a directory' if path.is_dir() else 'there is no such file'
     raise ConfigurationError(
-        f'{problem}; the names that ship are {", ".join(shipped)}{nearest(name, shipped)}',
+        f'{problem}; the names that ship are {", ".join(known)}{nearest(name, known)}',
         source=name)
 
 

@@ -21,3 +21,8 @@ def share_directory():
             if (candidate / 'package.xml').is_file() and (candidate / 'config').is_dir():
                 return candidate
     raise FileNotFoundError(f'share/tetra_ros2 was not installed with {Path(__file__).parent}')
+
+
+def shipped():
+    """Return the paths of the configurations that ship, by their bare names, in order."""
+    return {file.stem: file for file in sorted((share_directory() / 'config').glob('*.yaml'))}

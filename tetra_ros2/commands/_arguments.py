@@ -1,0 +1,63 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Arguments that several commands share, and their checks."""
+
+from tetra_ros2.config.share import shipped
+
+
+def add_config(parser, default=None):
+    """Add ``--config``."""
+    parser.add_argument(
+        '--config', metavar='FILE', default=default,
+        help='a ROS 2 parameter file, or the name of one that ships: '
+             f'{", ".join(shipped())}')
+
+
+def add_namespace(parser):
+    """Add ``--namespace``."""
+    parser.add_argument('--namespace', metavar='NS', default='', help='namespace of the node')
+
+
+def add_node(parser):
+    """Add what every node takes."""
+    add_config(parser)
+    add_namespace(parser)
+
+
+def add_web(parser):
+    """Add where the viewer's web server listens."""
+    parser.add_argument(
+        '--host', metavar='ADDRESS', default='127.0.0.1',
+        help='address to listen on; 0.0.0.0 lets other machines look (default: %(default)s)')
+    parser.add_argument(
+        '--port', type=int, default=8080, metavar='P',
+        help='port to listen on; 0 for any that is free (default: %(default)s)')
+
+
+def add_storage(parser, default=None):
+    """Add ``--storage``."""
+    parser.add_argument(
+        '--storage', choices=('mcap', 'sqlite3'), default=default,
+        help='storage format of the recording (default: mcap)')
+
+
+def check_node(arguments, *kinds):
+    """
+    Check all that a node is given, before ROS is loaded.
+
+    :param arguments: parsed arguments with ``config``, ``namespace`` and ``ros_arguments``
+    :param kinds: the kinds of node whose parameters may be given
+    :returns: the path of the configuration, or None; and the arguments as after ``--ros-args``,
+        with the namespace
+    :raises ConfigurationError: if something is not valid
+    """
+    # Loads numpy and PyYAML, for which `--help` need not wait.
+    from tetra_ros2.config import configuration
+    namespace = configuration.check_namespace(arguments.namespace)
+    configuration.check_ros_arguments(arguments.ros_arguments, kinds)
+    path = None
+    if arguments.config is not None:
+        path = configuration.load(arguments.config).path
+    ros = list(arguments.ros_arguments)
+    return path, [*ros, '-r', f'__ns:={namespace}'] if namespace else ros

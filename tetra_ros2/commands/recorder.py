@@ -1,0 +1,34 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``tetra recorder``: the recorder in a process of its own."""
+
+import json
+
+from tetra_ros2.commands import _arguments
+
+
+def add_arguments(parser):
+    """Add the arguments of ``tetra recorder``."""
+    parser.add_argument(
+        'topics', nargs='*', metavar='TOPIC',
+        help='topics to record (default: all topics of the formation in this namespace)')
+    parser.add_argument('--regex', metavar='R', help='and those whose full names match this')
+    parser.add_argument(
+        '-o', '--output', metavar='DIR',
+        help='directory to make and record into (default: tetra_ and the date)')
+    _arguments.add_storage(parser)
+    parser.add_argument(
+        '--use-sim-time', action='store_true', default=None,
+        help='file the messages under the time of /clock, as a plant in lockstep publishes it')
+    _arguments.add_node(parser)
+
+
+def run(arguments):
+    """Record until it is signalled; return the exit status."""
+    config, ros = _arguments.check_node(arguments, 'recorder')
+    for name in ('topics', 'regex', 'output', 'storage', 'use_sim_time'):
+        if value := getattr(arguments, name):
+            ros = [*ros, '-p', f'{name}:={json.dumps(value)}']
+    from tetra_ros2.recording import recorder  # needs ROS and rosbags
+    return recorder.main(config, ros)
