@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import difflib
 import math
+from pathlib import Path
 import sys
 
 from tetra_ros2.formation import gain as gains
@@ -258,7 +259,7 @@ def is_ros_parameter(name):
 
 
 def markdown():
-    """Return tables of all parameters, as they stand in the README."""
+    """Return tables of all parameters, as they stand in ``docs/parameters.md``."""
     lines = []
     shared = {spec.name for spec in FORMATION}
     for title, specs in (
@@ -275,5 +276,13 @@ def markdown():
     return '\n'.join(lines)
 
 
+def with_tables(text):
+    """Return a page with the tables of :func:`markdown` between the two marks in it."""
+    begin, end = '<!-- parameters: begin -->', '<!-- parameters: end -->'
+    before, rest = text.split(begin)
+    return f'{before}{begin}\n\n{markdown()}\n{end}{rest.split(end)[1]}'
+
+
 if __name__ == '__main__':
-    print(markdown())
+    page = Path(sys.argv[1])
+    page.write_text(with_tables(page.read_text(encoding='utf-8')), encoding='utf-8')
