@@ -1,0 +1,139 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+import math
+
+from hypothesis import assume, given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import any_gain, assert_close
+
+from tetra_ros2.formation import law, measures, polyhedra, sphere, topology
+from tetra_ros2.formation.gain import Cosine
+
+ROUNDING = 1e-13
+PHI = (1.0 + math.sqrt(5.0)) / 2.0
+SOLIDS = {  # how many vertices, k_c, cos(theta_c), edges at a vertex, vertices of a face
+    'tetrahedron': (4, [3], [-1 / 3], 3, 3),
+    'octahedron': (6, [4, 1], [0, -1], 4, 3),
+    'cube': (8, [3, 3, 1], [1 / 3, -1 / 3, -1], 3, 4),
+    'icosahedron': (12, [5, 5, 1], [1 / math.sqrt(5), -1 / math.sqrt(5), -1], 5, 3),
+    'dodecahedron': (20, [3, 6, 6, 3, 1],
+                     [math.sqrt(5) / 3, 1 / 3, -1 / 3, -math.sqrt(5) / 3, -1], 3, 5),
+}
+EVERY_SOLID = pytest.mark.parametrize('name', SOLIDS)
+UNIT = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(
+    lambda v: np.linalg.norm(v) > 0.1).map(sphere.normalize)
+CLASS_WEIGHTS = st.lists(st.floats(0.01, 3.0), min_size=5, max_size=5)
+SPIN = st.floats(-1.0, 1.0)
+
+
+def triangular_prism():
+    azimuth = 2.0 * math.pi / 3.0 * np.arange(3)
+    ring = np.stack([np.cos(azimuth), np.sin(azimuth), np.full(3, 0.6)], axis=-1)
+    return sphere.normalize(np.concatenate([ring, ring * [1.0, 1.0, -1.0]]))
+
+
+def test_these_are_the_five():
+    assert set(polyhedra.SOLIDS) == set(SOLIDS)
+
+
+@EVERY_SOLID
+def test_a_solid_has_its_vertices_distances_and_axes(name):
+    n, sizes, cosines, degree, corners = SOLIDS[name]
+    points = polyhedra.SOLIDS[name]
+    classes = polyhedra.distance_classes(points)
+    assert len(points) == n
+    assert_close(np.linalg.norm(points, axis=1), 1.0, atol=ROUNDING)
+    assert classes.sizes.tolist() == sizes
+    assert np.all(classes.multiples == sizes)
+    assert_close(np.cos(classes.angles), cosines, atol=ROUNDING)
+    assert sizes[0] == degree
+    assert len(polyhedra.axis_agents(points, 'face')) == corners
+    assert polyhedra.axis_agents(points, 'vertex') == (1,)
+    i, j = polyhedra.axis_agents(points, 'edge')
+    assert classes.of_pair[i - 1, j - 1] == 0
+    for axis in polyhedra.AXES:
+        assert_close(polyhedra.axis_direction(points, axis), sphere.normalize(
+            np.sum([points[i - 1] for i in polyhedra.axis_agents(points, axis)], axis=0)),
+            atol=ROUNDING)
+
+
+@EVERY_SOLID
+def test_a_face_is_flat_with_all_other_vertices_below(name):
+    points = polyhedra.SOLIDS[name]
+    heights = points @ polyhedra.axis_direction(points, 'face')
+    face = np.array(polyhedra.axis_agents(points, 'face')) - 1
+    assert np.ptp(heights[face]) < ROUNDING
+    assert np.max(np.delete(heights, face)) < np.min(heights) + np.ptp(heights) - 0.1
+
+
+@EVERY_SOLID
+def test_every_class_of_distance_is_balanced_and_isotropic(name):
+    points = polyhedra.SOLIDS[name]
+    assert np.max(polyhedra.imbalance(points)) < ROUNDING
+    assert np.max(polyhedra.anisotropy(points)) < ROUNDING
+
+
+def test_a_prism_is_neither():
+    points = triangular_prism()
+    assert np.max(polyhedra.imbalance(points)) > 0.1
+    assert np.max(polyhedra.anisotropy(points)) > 0.1
+
+
+@EVERY_SOLID
+@given(CLASS_WEIGHTS, UNIT, SPIN, any_gain(), st.booleans())
+def test_a_solid_turns_about_any_axis_at_the_rate_of_the_closed_form(
+        name, strengths, axis, spin, gain, mirrored):
+    points = polyhedra.SOLIDS[name]
+    strengths = strengths[:len(SOLIDS[name][1])]
+    weights = polyhedra.weights(points, strengths, axis, spin)
+    rate = polyhedra.spin_rate(points, strengths, axis, spin, gain)
+    here = -points if mirrored else points  # -P is the mirror image of P, and e that of -e
+    scale = gain.f(0.0) * np.max(weights) * len(points)
+    assert_close(law.velocity(here, weights, gain), np.cross(rate * axis, here),
+                 atol=ROUNDING * scale)
+
+
+@EVERY_SOLID
+@given(CLASS_WEIGHTS, UNIT, SPIN)
+def test_no_weight_is_negative_and_the_largest_spin_makes_one_zero(name, strengths, axis, spin):
+    points = polyhedra.SOLIDS[name]
+    strengths = strengths[:len(SOLIDS[name][1])]
+    assert np.min(polyhedra.weights(points, strengths, axis, spin)) >= 0.0
+    assert topology.Topology('custom', polyhedra.weights(points, strengths, axis, spin))
+    classes = polyhedra.distance_classes(points)
+    full = polyhedra.weights(points, strengths, axis, 1.0)
+    for c in range(len(classes.angles)):
+        inside = classes.of_pair == c
+        if classes.angles[c] < 3.1:
+            assert np.min(full[inside]) == 0.0
+        else:
+            assert np.all(full[inside] == strengths[c])
+
+
+@EVERY_SOLID
+@given(CLASS_WEIGHTS, UNIT, SPIN, any_gain())
+def test_the_sense_is_that_of_the_sign(name, strengths, axis, spin, gain):
+    assume(abs(spin) > 1e-3)
+    strengths = strengths[:len(SOLIDS[name][1])]
+    rate = polyhedra.spin_rate(polyhedra.SOLIDS[name], strengths, axis, spin, gain)
+    assert np.sign(rate) == np.sign(spin)
+
+
+@pytest.mark.parametrize('spin, p', [(1.0, 1), (-1.0, 0)])
+def test_the_papers_rotating_graph_is_the_tetrahedron_about_a_vertex(spin, p):
+    points = polyhedra.SOLIDS['tetrahedron']
+    assert measures.chirality(points) == 1
+    weights = polyhedra.weights(points, [0.5], points[0], spin)
+    assert np.array_equal(weights, topology.rotating(1, p).weights)
+    gain = Cosine(1.7)
+    assert polyhedra.spin_rate(points, [0.5], points[0], spin, gain) == pytest.approx(
+        spin * math.sqrt(3.0) / 2.0 * gain.f(math.acos(-1.0 / 3.0)), rel=1e-14)
+
+
+@pytest.mark.parametrize('axis', [[0.0, 0.0, 0.0], [math.nan, 0.0, 1.0]])
+def test_an_axis_without_a_direction_is_refused(axis):
+    with pytest.raises(ValueError, match='finite and not zero'):
+        polyhedra.axis_direction(polyhedra.SOLIDS['cube'], np.array(axis))
