@@ -7,7 +7,7 @@ VENV := .venv
 CLEAN := env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH
 TETRA := $(CLEAN) $(VENV)/bin/tetra
 
-.PHONY: help demo test browser verify bench lint clean
+.PHONY: help demo test browser verify bench chaos soak lint clean
 
 help:  ## say what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
@@ -27,6 +27,12 @@ verify: $(VENV)/.test  ## check every claim of the paper
 
 bench: $(VENV)/.bench  ## measure it against what there is to compare with
 	@$(CLEAN) $(VENV)/bin/python -m benchmarks $(BENCH_ARGS)
+
+chaos: $(VENV)/.test  ## a thousand faults on running formations, several hosts (needs root)
+	@$(CLEAN) $(VENV)/bin/python -m benchmarks.chaos $(CHAOS_ARGS)
+
+soak: $(VENV)/.test  ## eight hours of a formation, and what it takes of the machine
+	@$(CLEAN) $(VENV)/bin/python -m benchmarks.soak $(SOAK_ARGS)
 
 browser:
 	@for name in chromium chromium-browser google-chrome; do \

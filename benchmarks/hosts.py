@@ -19,6 +19,7 @@ import os
 from pathlib import Path
 import random
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -106,6 +107,16 @@ class Hosts:
         """Return the network namespace of a host."""
         return f'{self._prefix}-{name}'
 
+    def enter(self, name: str) -> None:
+        """Let this thread, and the threads and processes that it starts, be on a host."""
+        _enter(f'/run/netns/{self.namespace(name)}')
+
+    def processes(self, name: str) -> list[int]:
+        """Return the numbers of all processes on a host."""
+        done = subprocess.run(['ip', 'netns', 'pids', self.namespace(name)], capture_output=True,
+                              text=True, check=True)
+        return [int(word) for word in done.stdout.split()]
+
     def address(self, name: str) -> str:
         """Return the address of a host."""
         return f'{SUBNET}.{self.names.index(name) + 1}'
@@ -122,10 +133,9 @@ class Hosts:
 
     def reboot(self, name: str) -> None:
         """End all processes of a host at once, as a power cut does, and clear its addresses."""
-        for host, process in self._running:
-            if host == name:
-                process.kill()
-                process.wait()
+        for number in self.processes(name):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
         _ip('-n', self.namespace(name), 'link', 'set', INTERFACE, 'down')
         _ip('-n', self.namespace(name), 'link', 'set', INTERFACE, 'up')
         _ip('-n', self.namespace(name), 'route', 'replace', '239.0.0.0/8', 'dev', INTERFACE)
@@ -158,21 +168,22 @@ def _ip(*arguments: str) -> None:
     subprocess.run(['ip', *arguments], check=True, capture_output=True)
 
 
+def _enter(namespace: str) -> None:
+    """Let this thread be in the network namespace that a file stands for."""
+    file = os.open(namespace, os.O_RDONLY)
+    try:
+        libc = ctypes.CDLL(None, use_errno=True)  # os.setns came with Python 3.12
+        if libc.setns(file, CLONE_NEWNET):
+            raise OSError(ctypes.get_errno(), f'cannot enter {namespace}')
+    finally:
+        os.close(file)
+
+
 def _open_tap(namespace: str) -> int:
     """Make the interface of a host; return the other end of its cable."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    here = os.open('/proc/self/ns/net', os.O_RDONLY)
-    there = os.open(f'/run/netns/{namespace}', os.O_RDONLY)
-    try:
-        if libc.setns(there, CLONE_NEWNET):
-            raise OSError(ctypes.get_errno(), f'cannot enter {namespace}')
-        tap = os.open('/dev/net/tun', os.O_RDWR | os.O_NONBLOCK)
-        fcntl.ioctl(tap, TUNSETIFF, struct.pack('16sH22x', INTERFACE.encode(),
-                                                IFF_TAP | IFF_NO_PI))
-    finally:
-        libc.setns(here, CLONE_NEWNET)
-        os.close(there)
-        os.close(here)
+    _enter(f'/run/netns/{namespace}')
+    tap = os.open('/dev/net/tun', os.O_RDWR | os.O_NONBLOCK)
+    fcntl.ioctl(tap, TUNSETIFF, struct.pack('16sH22x', INTERFACE.encode(), IFF_TAP | IFF_NO_PI))
     return tap
 
 

@@ -1,0 +1,212 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The faults of ``make chaos``: what is done to a formation, and how it is undone."""
+
+from collections.abc import Callable
+import math
+import random
+import signal
+import struct
+import time
+from typing import Any
+
+from benchmarks.watcher import TYPES
+from tetra_ros2.wire import cdr, names
+
+JUMPS = (-3600.0, -60.0, -3.0, 3.0, 60.0, 3600.0)
+LAST_SECOND = 2**31 - 1
+
+Fault = Callable[[Any, random.Random], str]
+"""Takes the rig and a source of chance; does the fault, undoes it, and says what it was."""
+
+
+def _outage(chance: random.Random) -> float:
+    return chance.choice((0.0, chance.uniform(0.1, 0.5), chance.uniform(0.5, 3.0)))
+
+
+def kill(rig: Any, chance: random.Random) -> str:
+    """Kill -9 a node, and start it again some time later."""
+    name = chance.choice(rig.nodes)
+    outage = _outage(chance)
+    rig.kill(name)
+    time.sleep(outage)
+    rig.start(name)
+    return f'{name}, for {outage:.2f} s'
+
+
+def stop(rig: Any, chance: random.Random) -> str:
+    """Stop a node (SIGSTOP), and let it go on."""
+    name = chance.choice(rig.nodes)
+    outage = chance.uniform(0.1, 3.0)
+    rig.signal(name, signal.SIGSTOP)
+    time.sleep(outage)
+    rig.signal(name, signal.SIGCONT)
+    return f'{name}, for {outage:.2f} s'
+
+
+def reboot(rig: Any, chance: random.Random) -> str:
+    """Take the power from a host, and start its node again."""
+    name = chance.choice(rig.nodes)
+    outage = _outage(chance)
+    rig.reboot(name)
+    time.sleep(outage)
+    rig.start(name)
+    return f'{name}, for {outage:.2f} s'
+
+
+def partition(rig: Any, chance: random.Random) -> str:
+    """Cut one or two hosts off from the rest, and heal the network."""
+    cut = chance.sample(rig.nodes, chance.choice((1, 2)))
+    outage = chance.uniform(0.1, 4.0)
+    rig.hosts.cut(*cut)
+    time.sleep(outage)
+    rig.hosts.cut()
+    return f'{" and ".join(cut)}, for {outage:.2f} s'
+
+
+def loss(rig: Any, chance: random.Random) -> str:
+    """Lose a share of all frames for some seconds."""
+    share, duration = chance.choice((0.1, 0.3, 0.5)), chance.uniform(1.0, 3.0)
+    rig.hosts.network(loss=share)
+    time.sleep(duration)
+    rig.hosts.network()
+    return f'{share:.0%} for {duration:.2f} s'
+
+
+def delay(rig: Any, chance: random.Random) -> str:
+    """Hold all frames back, each by its own time."""
+    length, jitter = chance.uniform(0.001, 0.02), chance.uniform(0.0, 0.02)
+    duration = chance.uniform(1.0, 3.0)
+    rig.hosts.network(delay=length, jitter=jitter)
+    time.sleep(duration)
+    rig.hosts.network()
+    return f'{1e3 * length:.0f} to {1e3 * (length + jitter):.0f} ms for {duration:.2f} s'
+
+
+def clock(rig: Any, chance: random.Random) -> str:
+    """Set the system clock of a host, and set it right again."""
+    name, jump = chance.choice(rig.nodes), chance.choice(JUMPS)
+    duration = chance.uniform(1.5, 3.0)
+    with rig.clock_set(name, jump):
+        time.sleep(duration)
+    return f'of {name} by {jump:+g} s for {duration:.2f} s'
+
+
+def disk_full(rig: Any, chance: random.Random) -> str:
+    """Fill the disk that the recorder writes to, and free it again."""
+    with rig.disk_full():
+        time.sleep(chance.uniform(2.5, 4.0))
+    rig.start_again_if_ended('recorder')
+    return "the recorder's"
+
+
+def _target(rig: Any, chance: random.Random, what: str) -> tuple[str, str]:
+    """Return a topic of a kind, and the frame of its messages."""
+    i, j = chance.choice(rig.edges)
+    return {
+        'measurement': (names.relative_attitude(i, j), names.body_frame(i)),
+        'command': (names.cmd_vel(i), names.body_frame(i)),
+        'attitudes': (names.ATTITUDES, names.WORLD),
+        'diagnostics': ('/diagnostics', ''),
+        'clock': (names.CLOCK, ''),
+        'error': (names.ERROR, ''),
+        'cosines': (names.COSINES, ''),
+    }[what]
+
+
+def _message(what: str, frame: str, stamp: int, numbers: list[float]) -> bytes:
+    if what == 'clock':
+        return cdr.head(stamp)
+    if what == 'measurement':
+        return cdr.vector3_stamped(frame).encode(stamp, *numbers[:3])
+    if what == 'command':
+        return cdr.twist_stamped(frame).encode(stamp, 0.0, 0.0, 0.0, *numbers[:3])
+    if what == 'attitudes':
+        return cdr.pose_array(frame, 4).encode(stamp, *(numbers * 10)[:28])
+    if what == 'error':
+        return b'\x00\x01\x00\x00' + struct.pack('<d', numbers[0])
+    return b'\x00\x01\x00\x00' + struct.pack('<4d', *(numbers * 2)[:4])
+
+
+def _with_nanoseconds(message: bytes, nanoseconds: int) -> bytes:
+    """Return a stamped message with another, perhaps impossible, part of a second."""
+    return message[:8] + struct.pack('<I', nanoseconds) + message[12:]
+
+
+def _unit(chance: random.Random) -> list[float]:
+    vector = [chance.gauss(0.0, 1.0) for _ in range(3)]
+    length = math.sqrt(sum(x * x for x in vector))
+    return [x / length for x in vector]
+
+
+def forge(rig: Any, chance: random.Random) -> str:
+    """Say something well formed and false on a topic, once or again and again."""
+    what = chance.choice(('measurement', 'measurement', 'command', 'command', 'attitudes', 'clock',
+                          'error', 'cosines'))
+    topic, frame = _target(rig, chance, what)
+    ahead = chance.choice((0, 450_000_000, 60_000_000_000, -60_000_000_000, None))
+    rate, duration = chance.choice(((1.0, 0.5), (10.0, 2.0), (20.0, 2.0)))
+    direction = _unit(chance)
+
+    def message(_k: int) -> bytes:
+        stamp = LAST_SECOND * 10**9 + 999_999_999
+        if ahead is not None:
+            stamp = max(0, rig.watcher.stamp + ahead)
+        return _message(what, frame, stamp, direction)
+
+    count = rig.watcher.speak(TYPES[what], topic, message, rate, duration)
+    said = 'the last second there is' if ahead is None else f'{ahead / 1e9:+g} s'
+    return f'{count} on {topic}, stamp {said}'
+
+
+def malform(rig: Any, chance: random.Random) -> str:
+    """Say what is no message, or holds no numbers, on a topic."""
+    what = chance.choice(tuple(TYPES))
+    topic, frame = _target(rig, chance, what)
+    kinds: dict[str, Callable[[int], bytes]] = {
+        'not a number': lambda _: _message(what, frame, rig.watcher.stamp, [math.nan] * 3),
+        'infinite': lambda _: _message(what, frame, rig.watcher.stamp, [math.inf] * 3),
+        'zero': lambda _: _message(what, frame, rig.watcher.stamp, [0.0] * 3),
+        '1e308': lambda _: _message(what, frame, rig.watcher.stamp, [1e308] * 3),
+        'impossible nanoseconds': lambda _: _with_nanoseconds(
+            _message(what, frame, rig.watcher.stamp, [1.0, 0.0, 0.0]), 4_000_000_000),
+        'another frame': lambda _: _message(
+            what, 'nowhere', rig.watcher.stamp, [1.0, 0.0, 0.0]),
+        'truncated': lambda k: _message(
+            what, frame, rig.watcher.stamp, [1.0, 0.0, 0.0])[:4 + k % 40],
+        'random bytes': lambda _: bytes(chance.randrange(256) for _ in range(
+            chance.randrange(200))),
+        'four bytes': lambda _: b'\x00\x01\x00\x00',
+        'nothing': lambda _: b'',
+        'a huge length': lambda _: b'\x00\x01\x00\x00' + b'\xff' * 60,
+    }
+    kind = chance.choice(tuple(kinds))
+    count = rig.watcher.speak(TYPES[what], topic, kinds[kind], 20.0, 1.5)
+    return f'{count} on {topic}, {kind}'
+
+
+def flood(rig: Any, chance: random.Random) -> str:
+    """Say as much as goes on a topic."""
+    what = chance.choice(tuple(TYPES))
+    topic, frame = _target(rig, chance, what)
+    direction = _unit(chance)
+    count = rig.watcher.speak(
+        TYPES[what], topic, lambda _: _message(what, frame, 1, direction), 0.0, 1.0)
+    return f'{count} on {topic}'
+
+
+FAULTS: dict[str, tuple[int, Fault]] = {
+    'kill': (20, kill),
+    'stop': (15, stop),
+    'reboot': (5, reboot),
+    'partition': (12, partition),
+    'loss': (6, loss),
+    'delay': (6, delay),
+    'clock': (8, clock),
+    'disk full': (2, disk_full),
+    'forged': (12, forge),
+    'malformed': (12, malform),
+    'flood': (4, flood),
+}
+"""Each kind of fault, how often it comes in a hundred or so, and what does it."""
