@@ -3,6 +3,8 @@
 
 """Lyapunov function, equilibria and spectra, held against the paper's closed forms."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -134,3 +136,77 @@ def test_settling_leads_where_the_loop_goes(graph, angles):
     there = stability.transverse(reached, graph.weights, Exponential())
     assert there.residual < 1e-9
     assert there.inertia[0] == 0
+
+
+def equilibria(weights, gain, starts=400):
+    return stability.find_equilibria(np.random.default_rng(0), weights, gain, starts)
+
+
+@every_gain
+def test_the_spinning_tetrahedron_is_among_the_equilibria(gain):
+    found, _ = equilibria(ROTATING, gain)
+    spinning, = [entry for entry in found if entry.kind == 'tetrahedron']
+    assert spinning.spin_rate == pytest.approx(
+        np.sqrt(3.0) / 2.0 * gain.f(shapes.THETA_STAR), rel=1e-9)
+    assert spinning.stability == 'stable'
+    assert spinning.inertia == (0, 0, 5)
+    assert_same_spectrum(spinning.eigenvalues, stability.rotating_spectrum(gain))
+
+
+def test_a_slow_gain_has_the_same_equilibria_as_a_fast_one():
+    kinds = [sorted(entry.kind for entry in equilibria(ROTATING, Cosine(a), 200)[0])
+             for a in (1e-6, 1.0, 1e6)]
+    assert kinds[0] == kinds[1] == kinds[2]
+
+
+def test_equilibria_that_no_automorphism_joins_are_told_apart():
+    # Agents 3 and 4 may change places, and no others may: of the four ways to put one agent
+    # against the rest, two are one.
+    graph = topology.custom(4, [
+        (1, 2, 1.0), (2, 1, 2.0), (1, 3, 0.5), (1, 4, 0.5), (2, 3, 1.5), (2, 4, 1.5),
+        (3, 1), (4, 1), (3, 2, 0.7), (4, 2, 0.7), (3, 4), (4, 3)])
+    found, _ = equilibria(graph.weights, Cosine(), 1500)
+    alone = [entry for entry in found if entry.kind == '3 against 1']
+    assert len(alone) == 3
+    seen = set()
+    for entry in alone:
+        against = np.sum(entry.gamma @ entry.gamma.T, axis=1) < 0.0
+        seen.add(min(int(np.flatnonzero(against)[0]) + 1, 3))
+        exact = np.where(against, -1.0, 1.0)[:, None] * [0.0, 0.0, 1.0]
+        assert_same_spectrum(
+            entry.eigenvalues, stability.transverse(exact, graph.weights, Cosine()).eigenvalues)
+    assert seen == {1, 2, 3}
+    for one, another in itertools.combinations(alone, 2):
+        assert np.max(np.abs(stability.sorted_spectrum(one.eigenvalues)
+                             - stability.sorted_spectrum(another.eigenvalues))) > 1e-2
+
+
+@pytest.mark.parametrize('gain', [Cosine(), Exponential()], ids=['cosine', 'exponential'])
+def test_agents_on_a_line_keep_all_their_transverse_eigenvalues(gain):
+    found, _ = equilibria(COMPLETE, gain)
+    lines = [entry for entry in found
+             if entry.kind in ('consensus', '3 against 1', '2 against 2')]
+    assert len(lines) == 3
+    for entry in lines:
+        assert len(entry.eigenvalues) == 6
+        assert entry.residual < 1e-15
+    # Closed form at the consensus: every difference grows at n f(0).
+    consensus, = [entry for entry in lines if entry.kind == 'consensus']
+    assert_same_spectrum(consensus.eigenvalues, [4.0 * gain.f(0.0)] * 6)
+
+
+def test_a_formation_nearly_on_a_line_has_its_eigenvalues_too():
+    near = sphere.normalize(
+        np.array([[0.0, 0.0, 1.0]] * 3 + [[0.0, 0.0, -1.0]])
+        + 1e-6 * np.random.default_rng(3).standard_normal((4, 3)))
+    assert len(stability.transverse(near, COMPLETE, Cosine()).eigenvalues) == 6
+    assert np.linalg.svd(stability.straighten(near), compute_uv=False)[1] < 1e-15
+
+
+def test_stability_is_said_in_a_word():
+    words = {entry.kind: entry.stability for entry in equilibria(COMPLETE, Exponential())[0]}
+    assert words['tetrahedron'] == 'stable'
+    assert words['consensus'] == words['cross'] == 'unstable'
+    pair = equilibria(topology.complete(2).weights, Cosine(), 50)[0]
+    assert {entry.kind: entry.stability for entry in pair} == {
+        'consensus': 'unstable', '1 against 1': 'undecided'}

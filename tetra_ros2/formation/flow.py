@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The continuous closed loop eq:RF:ClosedSystem for very many starts, compiled with numba.
+The closed loop eq:RF:ClosedSystem in continuous time, by DOP853.
 
-The method is that of order 8 by Dormand and Prince with its error estimates, DOP853 (Hairer,
-Norsett, Wanner, Solving Ordinary Differential Equations I, II.5 and II.10); each step is brought
-back to the spheres. Starts go through it in blocks, side by side in the lanes of the processor,
-and the worst of a block decides how long its next step is. The kernel holds no lock of the
-interpreter, so threads share the blocks.
+Each step is brought back to the spheres. :func:`attitudes` and :func:`reduced_attitudes` follow
+one formation with numpy. :func:`run` is for very many starts and is compiled with numba: starts go
+through it in blocks, side by side in the lanes of the processor, and the worst of a block decides
+how long its next step is. Its kernel holds no lock of the interpreter, so that threads share the
+blocks.
 """
 
 from collections import deque, namedtuple
@@ -18,6 +18,15 @@ import math
 
 import numpy as np
 
+from tetra_ros2.formation import law, rotation
+from tetra_ros2.formation._dop853 import (
+    FIFTH_ERROR,
+    SOLUTION,
+    solve,
+    STAGES,
+    steps,
+    THIRD_ERROR,
+)
 from tetra_ros2.formation.gain import Gain
 
 GainParameters = namedtuple('GainParameters', ('a', 'b'))
@@ -28,39 +37,67 @@ LANES = 8
 TASK = 16 * LANES
 """Starts in a thread's task: some milliseconds."""
 
-# For each stage, then for the step and its two error estimates: earlier stages and their factors.
-STAGES = (
-    (),
-    ((0, 0.05260015195876773),),
-    ((0, 0.0197250569845379), (1, 0.0591751709536137)),
-    ((0, 0.02958758547680685), (2, 0.08876275643042054)),
-    ((0, 0.2413651341592667), (2, -0.8845494793282861), (3, 0.924834003261792)),
-    ((0, 0.037037037037037035), (3, 0.17082860872947386), (4, 0.12546768756682242)),
-    ((0, 0.037109375), (3, 0.17025221101954405), (4, 0.06021653898045596), (5, -0.017578125)),
-    ((0, 0.03709200011850479), (3, 0.17038392571223998), (4, 0.10726203044637328), (5,
-     -0.015319437748624402), (6, 0.008273789163814023)),
-    ((0, 0.6241109587160757), (3, -3.3608926294469414), (4, -0.868219346841726), (5,
-     27.59209969944671), (6, 20.154067550477894), (7, -43.48988418106996)),
-    ((0, 0.47766253643826434), (3, -2.4881146199716677), (4, -0.590290826836843), (5,
-     21.230051448181193), (6, 15.279233632882423), (7, -33.28821096898486), (8,
-     -0.020331201708508627)),
-    ((0, -0.9371424300859873), (3, 5.186372428844064), (4, 1.0914373489967295), (5,
-     -8.149787010746927), (6, -18.52006565999696), (7, 22.739487099350505), (8,
-     2.4936055526796523), (9, -3.0467644718982196)),
-    ((0, 2.273310147516538), (3, -10.53449546673725), (4, -2.0008720582248625), (5,
-     -17.9589318631188), (6, 27.94888452941996), (7, -2.8589982771350235), (8,
-     -8.87285693353063), (9, 12.360567175794303), (10, 0.6433927460157636)),
-    ((0, 0.054293734116568765), (5, 4.450312892752409), (6, 1.8915178993145003), (7,
-     -5.801203960010585), (8, 0.3111643669578199), (9, -0.1521609496625161), (10,
-     0.20136540080403034), (11, 0.04471061572777259)),
-    ((0, 0.01312004499419488), (5, -1.2251564463762044), (6, -0.4957589496572502),
-     (7, 1.6643771824549864), (8, -0.35032884874997366), (9, 0.3341791187130175),
-     (10, 0.08192320648511571), (11, -0.022355307863886294)),
-    ((0, -0.18980075407240762), (5, 4.450312892752409), (6, 1.8915178993145003),
-     (7, -5.801203960010585), (8, -0.4226823213237919), (9, -0.1521609496625161),
-     (10, 0.20136540080403034), (11, 0.02265179219836082)),
-)
+TABLE = (*STAGES, SOLUTION, FIFTH_ERROR, THIRD_ERROR)
 STEP, FIFTH, THIRD = 12, 13, 14
+
+TOLERANCE = 1e-10
+"""On the estimated error of a step, for one formation."""
+
+
+def _first_step(weights, gain):
+    """Return a length of a step [s] that no start is too fast for."""
+    fastest = float(np.max(np.sum(np.abs(weights), axis=1)) * gain.f(0.0))
+    return 0.1 / fastest if fastest else 1.0
+
+
+def attitudes(start, axes, weights, gain, times, tolerance=TOLERANCE):
+    """
+    Return the attitudes of one formation, or of several side by side, in continuous time.
+
+    :param start: unit quaternions x y z w, body to world, ``(..., n, 4)``
+    :param axes: pointing axes in the body frames, unit vectors, ``(..., n, 3)``
+    :param weights: ``(n, n)``
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param times: from 0 on, ascending [s], ``(k,)``
+    :param tolerance: on the estimated error of each step, the mean over the coordinates
+    :returns: unit quaternions, ``(k, ..., n, 4)``
+    """
+    def rate(q):
+        turn = law.world_angular_velocity(rotation.rotate(q, axes), weights, gain)
+        # A rate in the world acts from the left: dR/dt = w^ R.
+        return 0.5 * rotation.multiply(
+            np.concatenate([turn, np.zeros((*turn.shape[:-1], 1))], axis=-1), q)
+
+    return solve(rate, np.asarray(start, dtype=float), np.asarray(times, dtype=float), tolerance,
+                 _unit, _first_step(weights, gain))
+
+
+def reduced_attitudes(start, weights, gain, times, tolerance=TOLERANCE):
+    """
+    Return the reduced attitudes of one formation, or of several, in continuous time.
+
+    :param start: unit vectors, ``(..., n, 3)``
+    :returns: unit vectors, ``(k, ..., n, 3)``
+
+    The other parameters are those of :func:`attitudes`.
+    """
+    return solve(lambda gamma: law.velocity(gamma, weights, gain),
+                 np.asarray(start, dtype=float), np.asarray(times, dtype=float), tolerance,
+                 _unit, _first_step(weights, gain))
+
+
+def follow(start, weights, gain, tolerance):
+    """
+    Yield the accepted steps, without end, of the reduced attitudes of one formation.
+
+    The parameters are those of :func:`reduced_attitudes`.
+    """
+    return steps(lambda gamma: law.velocity(gamma, weights, gain),
+                 np.asarray(start, dtype=float), tolerance, _unit, _first_step(weights, gain))
+
+
+def _unit(x):
+    return x / np.linalg.norm(x, axis=-1, keepdims=True)
 
 
 def run(gamma, weights, gain, duration, tolerance, threads=1):
@@ -152,9 +189,9 @@ def _kernel(family, n):
                     out[j, 1, lane] += q * (cosine * v - y)
                     out[j, 2, lane] += q * (cosine * w - z)
 
-    counts = np.array([len(stage) for stage in STAGES])
-    sources = np.array([[*(r for r, _ in stage), *[0] * (12 - len(stage))] for stage in STAGES])
-    factors = np.array([[*(c for _, c in stage), *[0.0] * (12 - len(stage))] for stage in STAGES])
+    counts = np.array([len(stage) for stage in TABLE])
+    sources = np.array([[*(r for r, _ in stage), *[0] * (12 - len(stage))] for stage in TABLE])
+    factors = np.array([[*(c for _, c in stage), *[0.0] * (12 - len(stage))] for stage in TABLE])
 
     @compiled
     def combine(start, slopes, stage, h, out):

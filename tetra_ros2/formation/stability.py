@@ -13,13 +13,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tetra_ros2.formation import coordinates, law, measures, sphere
+from tetra_ros2.formation import coordinates, equivalence, flow, law, measures, sphere
 
 LEGENDRE = np.polynomial.legendre.leggauss(48)
 """Nodes and weights on [-1, 1]; 48 of them integrate any gain here to rounding."""
 
 ZERO = 1e-9
 """A real part below this, relative to the largest eigenvalue, is zero to rounding."""
+
+ACCURACY = 1e-4
+"""
+How far from an equilibrium Newton's method may end, in rad.
+
+Where the linearisation is singular the residual can vanish with the third power of the distance,
+as for antipodal agents under the cosine gain. Rounding of 1e-16 then hides a distance of 5e-6.
+"""
 
 
 def lyapunov(gamma, weights, gain):
@@ -56,6 +64,11 @@ def lyapunov_rate(gamma, velocity, weights, gain):
     product = velocity @ np.swapaxes(gamma, -1, -2)
     cosine_rate = product + np.swapaxes(product, -1, -2)
     return np.sum(weights * gain.f(theta) * cosine_rate, axis=(-2, -1))
+
+
+def fastest_rate(weights, gain):
+    """Return a bound of the angular velocity that the law can command [rad/s]; 0 for no edge."""
+    return float(np.max(np.sum(np.abs(weights), axis=1)) * gain.f(0.0))
 
 
 def tangent_basis(gamma):
@@ -124,10 +137,15 @@ def rotations(gamma, bases):
     return small.reshape(*small.shape[:-3], 2 * gamma.shape[-2], 3)
 
 
-def complement(vectors):
-    """Return an orthonormal basis of the complement of the columns' span, ``(m, m - rank)``."""
+def complement(vectors, accuracy=1e-9):
+    """
+    Return an orthonormal basis of the complement of the columns' span, ``(m, m - rank)``.
+
+    :param vectors: the columns, ``(m, k)``
+    :param accuracy: what is shorter than this, relative to the longest, counts as zero
+    """
     u, singular, _ = np.linalg.svd(vectors)
-    return u[:, int(np.sum(singular > 1e-9 * max(singular[0], 1e-300))):]
+    return u[:, int(np.sum(singular > accuracy * max(singular[0], 1e-300))):]
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +196,8 @@ def transverse(gamma, weights, gain):
     spin = measures.angular_velocity(gamma, velocity)
     bases = tangent_basis(gamma)
     matrix = linearization(gamma, weights, gain, bases, spin)
-    across = complement(rotations(gamma, bases))
+    # Agents on a line do not notice rotations about it: there are but two that move them.
+    across = complement(rotations(gamma, bases), ACCURACY)
     # The rotations span an invariant subspace, so this is the map on the quotient.
     return RelativeEquilibrium(
         gamma, spin, float(np.max(np.abs(velocity - np.cross(spin, gamma)))),
@@ -199,6 +218,7 @@ def refine(gamma, weights, gain, iterations=50, longest=0.3):
     """
     gamma = np.asarray(gamma, dtype=float)
     n = gamma.shape[-2]
+    unit = fastest_rate(weights, gain) or 1.0
     for k in range(iterations + 1):
         velocity = law.velocity(gamma, weights, gain)
         spin = measures.angular_velocity(gamma, velocity)
@@ -208,8 +228,9 @@ def refine(gamma, weights, gain, iterations=50, longest=0.3):
         bases = tangent_basis(gamma)
         matrix = linearization(gamma, weights, gain, bases, spin)
         turned = rotations(gamma, bases)
-        # The spin is unknown too. The shortest solution leaves the attitude of the whole alone.
-        system = np.concatenate([matrix, turned], axis=-1)
+        # The spin is unknown too, in the unit of the other rates. The shortest solution leaves
+        # the attitude of the whole alone.
+        system = np.concatenate([matrix, unit * turned], axis=-1)
         target = np.einsum('...iap,...ia->...ip', bases, left).reshape(*gamma.shape[:-2], 2 * n)
         step = -np.einsum('...ij,...j->...i', np.linalg.pinv(system, rcond=1e-10), target)
         step = step[..., :2 * n].reshape(*gamma.shape[:-2], n, 2)
@@ -219,32 +240,72 @@ def refine(gamma, weights, gain, iterations=50, longest=0.3):
             sphere.exp(gamma, moved * np.minimum(1.0, longest / np.maximum(size, 1e-300))))
 
 
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
+def straighten(gamma):
     """
-    One equilibrium out of many, up to rotations, mirror images and the order of the agents.
+    Return formations whose agents all lie on a line, to within ACCURACY, exactly on it.
+
+    There the law commands nothing, whatever weights and gain: so this is an equilibrium, and
+    Newton's method need not get closer to it, which it often cannot.
+
+    :param gamma: reduced attitudes, ``(..., n, 3)``
+    :returns: the same, and those on a line improved, ``(..., n, 3)``
+    """
+    gamma = np.asarray(gamma, dtype=float)
+    _, singular, directions = np.linalg.svd(gamma)
+    line = directions[..., 0, :]
+    along = np.sign(np.einsum('...ia,...a->...i', gamma, line))
+    straight = singular[..., 1] < ACCURACY
+    return np.where(straight[..., None, None], along[..., None] * line[..., None, :], gamma)
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium(RelativeEquilibrium):
+    """
+    One relative equilibrium out of many that the law cannot tell apart.
 
     :param kind: what it looks like; see :func:`classify`
-    :param gamma: reduced attitudes, ``(n, 3)``
     :param found: from how many starts
-    :param eigenvalues: the transverse ones [1/s]
     """
 
     kind: str
-    gamma: np.ndarray
     found: int
-    eigenvalues: np.ndarray
+
+    @property
+    def reduced_attitudes(self):
+        """Return gamma, unit vectors, ``(n, 3)``."""
+        return self.gamma
+
+    @property
+    def spin_rate(self):
+        """Return the angular speed of the whole [rad/s]; 0 at rest."""
+        return float(np.linalg.norm(self.spin))
+
+    @property
+    def stability(self):
+        """
+        Return what the linearisation says of the shape.
+
+        ``stable``: every deviation decays. ``unstable``: one grows. ``undecided``: an eigenvalue
+        has the real part 0 and none a positive one, so that terms of higher order decide.
+        """
+        positive, zero, _ = self.inertia
+        return 'unstable' if positive else 'undecided' if zero else 'stable'
 
 
 def find_equilibria(rng, weights, gain, starts=400, tolerance=1e-10, iterations=60):
     """
-    Look for equilibria at rest by Newton's method from random starts.
+    Look for relative equilibria, at rest or spinning, by Newton's method from random starts.
+
+    Equilibria are counted as one if the law makes no difference between them: if rotations,
+    reflections and automorphisms of the weights join them; see
+    :mod:`~tetra_ros2.formation.equivalence`. A reflection turns a spin into the opposite one.
 
     :param rng: a ``numpy.random.Generator``
     :param weights: ``(n, n)``
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :param starts: how many
-    :param tolerance: the largest velocity that counts as rest [1/s]
+    :param tolerance: the largest velocity beside the spin that counts as none, and the slowest
+        spin that counts as one, relative to what the law could command
     :param iterations: of Newton's method
     :returns: a list of :class:`Equilibrium`, the most often found first; and how many starts
         ended nowhere
@@ -254,22 +315,25 @@ def find_equilibria(rng, weights, gain, starts=400, tolerance=1e-10, iterations=
     # Starts in a plane and starts with coincident agents reach what the others hardly ever do.
     gamma[::3] = sphere.normalize(gamma[::3] * [1.0, 1.0, 0.0])
     gamma[1::6, 0] = gamma[1::6, 1]
-    gamma, _ = refine(gamma, weights, gain, iterations)
-    speed = np.max(np.abs(law.velocity(gamma, weights, gain)), axis=(-2, -1))
-    rest = gamma[speed < tolerance]
-    cosines = np.sort(measures.pairwise_cosines(rest), axis=-1)
+    gamma, left = refine(gamma, weights, gain, iterations)
+    unit = fastest_rate(weights, gain) or 1.0
+    there = straighten(gamma[left < tolerance * unit])
     found = []
-    for shape, points in zip(cosines, rest):
+    for points in there:
         for entry in found:
-            if np.max(np.abs(entry[0] - shape)) < 1e-5:
-                entry[2] += 1
+            if equivalence.equivalent(points, entry[0], weights, ACCURACY):
+                entry[1] += 1
                 break
         else:
-            found.append([shape, points, 1])
-    found.sort(key=lambda entry: -entry[2])
-    return [Equilibrium(classify(points), points, count,
-                        transverse(points, weights, gain).eigenvalues)
-            for _, points, count in found], starts - len(rest)
+            found.append([points, 1])
+    found.sort(key=lambda entry: -entry[1])
+    equilibria = []
+    for points, count in found:
+        at = transverse(points, weights, gain)
+        spin = at.spin if np.linalg.norm(at.spin) > tolerance * unit else np.zeros(3)
+        equilibria.append(Equilibrium(
+            at.gamma, spin, at.residual, at.matrix, classify(points), count))
+    return equilibria, starts - len(there)
 
 
 def is_coplanar(gamma, tolerance=1e-6):
@@ -304,35 +368,30 @@ def classify(gamma, tolerance=1e-5):
     return 'other coplanar' if is_coplanar(gamma, 10.0 * tolerance) else 'other spatial'
 
 
-def settle(gamma, weights, gain, step=0.02, longest=2000.0, calm=1e-3):
+def settle(gamma, weights, gain, longest=2000.0, calm=1e-3):
     """
     Follow the closed loop until it keeps its shape, and polish what it has come to.
 
     :param gamma: reduced attitudes at the start, ``(n, 3)``
     :param weights: ``(n, n)``
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
-    :param step: of the integration, in units of ``1 / max row sum of W f(0)``
-    :param longest: when to give up, in the same units
+    :param longest: when to give up, in units of ``1 / max row sum of W f(0)``
     :param calm: how slow a change of shape, relative to f, lets Newton's method take over
     :returns: reduced attitudes, ``(n, 3)``, or None if the shape keeps changing
     """
-    unit = float(np.max(np.sum(np.abs(weights), axis=1)) * gain.f(0.0)) or 1.0
-    h = step / unit
-    for k in range(int(longest / step)):
-        velocity = law.velocity(gamma, weights, gain)
-        if k % 25 == 0:
-            spin = measures.angular_velocity(gamma, velocity)
-            calmness = np.max(np.abs(velocity - np.cross(spin, gamma))) / unit
-            if calmness < calm:
-                polished, left = refine(gamma, weights, gain, 25)
-                # A saddle is slow as well: only what attracts is where the loop is going.
-                if left < 1e-9 * unit and inertia(
-                        transverse(polished, weights, gain).eigenvalues)[0] == 0:
-                    return polished
-        middle = sphere.exp(gamma, 0.5 * h * velocity)
-        # The midpoint rule, exact on the sphere: its velocity brought back to the tangent plane.
-        gamma = sphere.normalize(gamma + h * law.velocity(middle, weights, gain))
-    return None
+    unit = fastest_rate(weights, gain) or 1.0
+    for step in flow.follow(gamma, weights, gain, 1e-6):
+        here = step.after
+        velocity = law.velocity(here, weights, gain)
+        spin = measures.angular_velocity(here, velocity)
+        if np.max(np.abs(velocity - np.cross(spin, here))) < calm * unit:
+            polished, left = refine(here, weights, gain, 25)
+            # A saddle is slow as well: only what attracts is where the loop is going.
+            if left < 1e-9 * unit and inertia(
+                    transverse(polished, weights, gain).eigenvalues)[0] == 0:
+                return polished
+        if step.end * unit > longest:
+            return None
 
 
 def sorted_spectrum(eigenvalues):

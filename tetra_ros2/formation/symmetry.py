@@ -30,7 +30,7 @@ SAME_ANGLE = 1e-7
 Permutation = tuple[int, ...]
 
 
-def _colors(values: np.ndarray, tolerance: float) -> np.ndarray:
+def level_indices(values: np.ndarray, tolerance: float) -> np.ndarray:
     """Return small integers that are equal where values are, from 0 up in order of value."""
     order = np.sort(values, axis=None)
     steps = np.concatenate([[False], np.diff(order) > tolerance])
@@ -86,7 +86,7 @@ def generators(weights: np.ndarray) -> list[Permutation]:
     :param weights: ``(n, n)``
     """
     weights = np.asarray(weights, dtype=float)
-    colors = _colors(weights, SAME_WEIGHT * float(np.max(np.abs(weights), initial=0.0)))
+    colors = level_indices(weights, SAME_WEIGHT * float(np.max(np.abs(weights), initial=0.0)))
     n = len(colors)
     found = []
     for k in range(n):
@@ -123,8 +123,8 @@ class AdmissibleAngles:
         angles = np.zeros((n, n))
         angles[self._i, self._j] = measures.pairwise_angles(points)
         self._angles = angles + angles.T
-        self._classes = _colors(self._angles, SAME_ANGLE)
-        self._weights = _colors(
+        self._classes = level_indices(self._angles, SAME_ANGLE)
+        self._weights = level_indices(
             np.asarray(weights), SAME_WEIGHT * float(np.max(np.abs(weights), initial=0.0)))
         levels = np.unique(np.round(self._angles[self._i, self._j], 9))
         steps = np.diff(levels)
