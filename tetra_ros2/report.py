@@ -137,7 +137,7 @@ def _document(summary, launcher, wall_time):
         'agents': topology.n,
         'topology': {'kind': topology.kind, 'k': topology.axis_agent, 'p': topology.direction,
                      'edges': topology.edges},
-        'gain': {'kind': type(gain).__name__.lower(), 'a': gain.a, 'b': gain.b},
+        'gain': {'kind': gain.kind, 'a': gain.a, 'b': gain.b},
         'plant': plant and {'mode': plant.mode, 'rate': plant.rate, 'seed': plant.seed,
                             'steps': plant.time.steps},
         'rejected': dict(sum((node.health.rejected for node in launcher.nodes), Counter())),
@@ -165,11 +165,10 @@ def describe(summary, launcher, wall_time):
     :returns: pairs of a caption and a text
     """
     topology, gain = launcher.formation.topology, launcher.formation.gain
-    family = type(gain).__name__.lower()
     kind = {'rotating': f'rotating, k = {topology.axis_agent}, p = {topology.direction}'}.get(
         topology.kind, topology.kind)
     rows = [('formation', f'{topology.n} agents, {kind}, {len(topology.edges)} edges; '
-                          f'{family} gain, a = {gain.a:g}')]
+                          f'{gain.kind} gain, a = {gain.a:g}')]
     if launcher.plant is not None:
         rows.append(('plant', f'{launcher.plant.mode}, {launcher.plant.rate:g} Hz, '
                               f'{launcher.plant.start_description}'))

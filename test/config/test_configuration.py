@@ -14,7 +14,7 @@ from strategies import assert_close
 
 from tetra_ros2.config.configuration import (
     find_file,
-    Formation,
+    formation_from_parameters,
     gain_from_parameters,
     initial_attitudes,
     load,
@@ -184,14 +184,14 @@ def test_every_amplitude_in_its_range_makes_a_gain(family, exponent):
 
 def formation(**given):
     names = {name.replace('__', '.'): value for name, value in given.items()}
-    return Formation.from_parameters(check_parameters('monitor', names))
+    return formation_from_parameters(check_parameters('monitor', names))
 
 
 def test_the_defaults_are_the_papers_first_formation():
     built = formation()
     np.testing.assert_array_equal(built.topology.weights, topologies.complete(4).weights)
     assert built.gain == gains.Cosine()
-    np.testing.assert_array_equal(built.axes, [[1.0, 0.0, 0.0]] * 4)
+    np.testing.assert_array_equal(built.pointing_axes, [[1.0, 0.0, 0.0]] * 4)
 
 
 @pytest.mark.parametrize('k, p', [(k, p) for k in (1, 2, 3, 4) for p in (0, 1)])
@@ -213,14 +213,15 @@ def test_an_agent_that_sees_nobody_is_allowed():
 
 def test_one_axis_is_for_all_agents_and_every_axis_is_normalised():
     assert_close(
-        formation(pointing_axis=[3.0, 0.0, 4.0]).axes, [[0.6, 0.0, 0.8]] * 4, atol=1e-15)
+        formation(pointing_axis=[3.0, 0.0, 4.0]).pointing_axes, [[0.6, 0.0, 0.8]] * 4, atol=1e-15)
     each = formation(topology__n=2, pointing_axis=[3.0, 0.0, 4.0, 0.0, -1e-9, 0.0])
-    assert_close(each.axes, [[0.6, 0.0, 0.8], [0.0, -1.0, 0.0]], atol=1e-15)
+    assert_close(each.pointing_axes, [[0.6, 0.0, 0.8], [0.0, -1.0, 0.0]], atol=1e-15)
 
 
 def test_three_numbers_are_one_axis_even_for_an_agent_count_of_three():
     assert_close(
-        formation(topology__n=3, pointing_axis=[0.0, 1.0, 0.0]).axes, [[0.0, 1.0, 0.0]] * 3, 0.0)
+        formation(topology__n=3, pointing_axis=[0.0, 1.0, 0.0]).pointing_axes,
+        [[0.0, 1.0, 0.0]] * 3, 0.0)
 
 
 def test_initial_attitudes_are_normalised_and_none_where_none_were_given():
@@ -508,7 +509,7 @@ def test_what_is_no_number_to_rcl_is_a_string(write, written):
 
 def test_whole_numbers_do_in_a_list_when_all_are_whole(write):
     file = ParameterFile(write(everywhere('pointing_axis: [0, 0, 1]')))
-    assert_close(file.formation().axes, [[0.0, 0.0, 1.0]] * 4, atol=0.0)
+    assert_close(file.formation().pointing_axes, [[0.0, 0.0, 1.0]] * 4, atol=0.0)
 
 
 # Every node that a file speaks of is checked, not only those of the usual names

@@ -29,7 +29,8 @@ def start_of(seed, n):
 def twin(formation, seed):
     """Return the loop without a network that a formation must equal."""
     return simulation.SampledLoop(
-        start_of(seed, formation.topology.n), formation.axes, formation.topology, formation.gain)
+        start_of(seed, formation.topology.n), formation.pointing_axes, formation.topology,
+        formation.gain)
 
 
 def spin_rate(gain):
@@ -92,8 +93,8 @@ def test_lockstep_equals_the_simulation_to_the_last_bit(config):
         assert formation.plant.time.steps == STEPS
         assert formation.attitudes.tolist() == [list(q) for q in loop.bodies.attitudes]
         batched = simulation.simulate(
-            start_of(3, 4), formation.formation.axes, formation.formation.topology.weights,
-            formation.formation.gain, 0.01, STEPS)
+            start_of(3, 4), formation.formation.pointing_axes,
+            formation.formation.topology.weights, formation.formation.gain, 0.01, STEPS)
         np.testing.assert_allclose(formation.attitudes, batched, rtol=0.0, atol=1e-12)
 
 
@@ -121,7 +122,7 @@ def test_bodies_with_different_pointing_axes_form_all_the_same():
         formation.run_for(15.0)
         assert formation.error < 1e-6
         np.testing.assert_allclose(
-            rotation.rotate(formation.attitudes, formation.formation.axes),
+            rotation.rotate(formation.attitudes, formation.formation.pointing_axes),
             formation.reduced_attitudes, atol=1e-12)
 
 

@@ -30,7 +30,7 @@ def expected_attitudes(config, seed, steps):
     formation = configuration.load(config).formation()
     n = formation.topology.n
     loop = simulation.SampledLoop(rotation.random(np.random.default_rng(seed), (n,)),
-                                  formation.axes, formation.topology, formation.gain)
+                                  formation.pointing_axes, formation.topology, formation.gain)
     loop.advance(0.01, steps)
     return [list(q) for q in loop.bodies.attitudes]
 

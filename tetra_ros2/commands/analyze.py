@@ -204,7 +204,7 @@ def _formation(file):
     """Return the formation of a file, if all its agents agree on it."""
     import numpy as np
 
-    from tetra_ros2.config.configuration import Formation
+    from tetra_ros2.config.configuration import formation_from_parameters
     from tetra_ros2.config.parameters import ConfigurationError
     formation = file.formation()
     if formation.topology.n > MOST_AGENTS:
@@ -212,7 +212,7 @@ def _formation(file):
             f'{formation.topology.n} agents are too many to analyse, expected {MOST_AGENTS} '
             'at most', key='topology.n')
     for i in range(1, formation.topology.n + 1):
-        own = Formation.from_parameters(file.values('agent', f'/agent_{i}'))
+        own = formation_from_parameters(file.values('agent', f'/agent_{i}'))
         if own.gain != formation.gain or type(own.gain) is not type(formation.gain) \
                 or not np.array_equal(own.topology.weights, formation.topology.weights):
             raise ConfigurationError(
@@ -266,7 +266,7 @@ def _equilibrium(formation, values):
     if attitudes is None:
         rng = np.random.default_rng(max(values['seed'], 0))
         attitudes = rotation.random(rng, (topology.n,))
-    start = rotation.rotate(attitudes, formation.axes)
+    start = rotation.rotate(attitudes, formation.pointing_axes)
     gamma = stability.settle(start, topology.weights, gain)
     if gamma is None:
         raise ConfigurationError(

@@ -74,7 +74,7 @@ def run(arguments):
     law = loaded.law
     if law is not None:
         gain = law.gain
-        print(f'{type(gain).__name__.lower()} gain, a = {gain.a:.6g}, as read off the commands')
+        print(f'{gain.kind} gain, a = {gain.a:.6g}, as read off the commands')
     elif loaded.commands:
         print('the commands follow no gain that is known here, so no slope is predicted',
               file=sys.stderr)

@@ -7,7 +7,6 @@ From a YAML file, or from the values of ROS parameters, to checked objects.
 Nothing unchecked gets past this module.
 """
 
-from dataclasses import dataclass
 import itertools
 import os
 from pathlib import Path
@@ -26,10 +25,9 @@ from tetra_ros2.config.parameters import (
     shown,
 )
 from tetra_ros2.config.share import shipped
+from tetra_ros2.formation import Formation, sphere
 from tetra_ros2.formation import gain as gains
-from tetra_ros2.formation import sphere
 from tetra_ros2.formation import topology as topologies
-from tetra_ros2.formation.topology import Topology
 
 LONGEST_NAMESPACE = 150
 """How long a namespace may be; the names of topics must still fit behind it."""
@@ -38,41 +36,36 @@ UNIT_TOLERANCE = 1e-3
 """How far from 1 the length of a quaternion that a user wrote down may be."""
 
 
-@dataclass(frozen=True, eq=False)
-class Formation:
+def formation_from_parameters(values):
     """
-    What all nodes agree on.
+    Return the formation that checked parameter values describe: what all nodes agree on.
 
-    :param topology: who sees whom
-    :param gain: the gain function
-    :param axes: pointing axes b_i in the body frames, unit vectors, ``(n, 3)``
+    :raises ConfigurationError: if values that are right by themselves do not fit together
     """
-
-    topology: Topology
-    gain: gains.Gain
-    axes: np.ndarray
-
-    @classmethod
-    def from_parameters(cls, values):
-        """
-        Build it from checked parameter values.
-
-        :raises ConfigurationError: if values that are right by themselves do not fit together
-        """
-        topology = _topology(values)
-        return cls(topology, gain_from_parameters(values), _axes(values, topology.n))
+    topology = _topology(values)
+    return Formation(topology, gain_from_parameters(values), _axes(values, topology.n))
 
 
 def gain_from_parameters(values):
     """
     Return the gain that ``gain.kind``, ``gain.a`` and ``gain.b`` describe.
 
-    :raises ConfigurationError: if it violates the assumption As:SF:f
+    :raises ConfigurationError: if there is no such family, or it violates the assumption As:SF:f
     """
+    kind = values['gain.kind']
     try:
-        return gains.KINDS[values['gain.kind']](values['gain.a'], values['gain.b'])
+        family = gains.family(kind)
+    except gains.UnknownGain as error:
+        raise ConfigurationError(
+            f'{shown(kind)} is not valid: {error}', key='gain.kind') from error
+    try:
+        return family(values['gain.a'], values['gain.b'])
     except ValueError as error:
         raise ConfigurationError(str(error), key='gain') from error
+    except Exception as error:  # whatever the constructor of somebody's family may raise
+        raise ConfigurationError(
+            f'{shown(kind)} is not valid: {type(error).__name__}: {error}',
+            key='gain.kind') from error
 
 
 def _topology(values):
@@ -213,7 +206,7 @@ class ParameterFile:
             shared = tuple(values[spec.name] for spec in FORMATION)
             if shared not in checked:
                 checked.add(shared)
-                if (m := Formation.from_parameters(values).topology.n) != n:
+                if (m := formation_from_parameters(values).topology.n) != n:
                     raise ConfigurationError(
                         f'{m} for {name} is not valid, it is {n} for the others',
                         key='topology.n')
@@ -241,7 +234,7 @@ class ParameterFile:
 
     def formation(self):
         """Return the formation, as the monitor is told of it."""
-        return Formation.from_parameters(self.values('monitor'))
+        return formation_from_parameters(self.values('monitor'))
 
 
 class _Composer(yaml.SafeLoader):

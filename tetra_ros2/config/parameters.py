@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import difflib
 import math
 from pathlib import Path
+import re
 import sys
 
 from tetra_ros2.formation import gain as gains
@@ -48,6 +49,8 @@ class Parameter:
     :param minimum: the least value
     :param maximum: the greatest value
     :param choices: the only values, for strings
+    :param pattern: other strings that are right as well
+    :param pattern_name: what such a string is, in words
     :param items: the type of the elements, for lists
     :param dynamic: whether it may be changed while the node runs
     """
@@ -58,6 +61,8 @@ class Parameter:
     minimum: float | None = None
     maximum: float | None = None
     choices: tuple[str, ...] = ()
+    pattern: re.Pattern[str] | None = None
+    pattern_name: str = ''
     items: type | None = None
     dynamic: bool = False
 
@@ -65,7 +70,8 @@ class Parameter:
     def expected(self):
         """Return in words what a right value is."""
         if self.choices:
-            return 'one of ' + ', '.join(self.choices)
+            return 'one of ' + ', '.join(self.choices) + (
+                f', or {self.pattern_name}' if self.pattern else '')
         if self.items:
             return 'a list of ' + {float: 'finite numbers', str: 'strings'}[self.items]
         kind = {int: 'an integer', float: 'a number', str: 'a string', bool: 'true or false'}
@@ -89,7 +95,7 @@ class Parameter:
                 return tuple(self.items(item) for item in value)
         elif self._is(value, type(self.default)):
             if self.choices:
-                if value in self.choices:
+                if value in self.choices or (self.pattern and self.pattern.fullmatch(value)):
                     return value
             elif self.minimum is None:
                 return value
@@ -148,7 +154,8 @@ FORMATION = (
         'Custom topology: "i j" or "i j weight" for each agent j that agent i sees.', items=str),
     Parameter(
         'gain.kind', 'cosine', 'Family of the gain function f(theta).',
-        choices=tuple(gains.KINDS), dynamic=True),
+        choices=tuple(gains.KINDS), pattern=gains.OWN,
+        pattern_name='module:Class for one of your own', dynamic=True),
     Parameter(
         'gain.a', 1.0, 'Amplitude of the gain function [rad/s].',
         minimum=1e-9, maximum=1e9, dynamic=True),

@@ -2,15 +2,78 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The mathematics of intrinsic formations of reduced attitudes; no ROS in here.
+Intrinsic formations of reduced attitudes: a library that needs numpy and no ROS.
 
-``sphere`` and ``rotation`` are the geometry, ``gain`` and ``topology`` the two things a user
-chooses, ``law`` what they make every body do, ``measures`` and ``shapes`` what comes of it. These
-work on numpy arrays of shape ``(..., n, 3)``: one formation, or a million. ``controller`` and
-``bodies`` are the two halves of the running loop, one agent and the plant, in plain floats: on
-3-vectors numpy costs more than the arithmetic. ``simulation`` closes the loop without a network,
-in either form.
+::
 
-Equation, lemma and theorem names are those of Zhang, Song, He, Hong, Hu, *Intrinsic Tetrahedron
-Formation of Reduced Attitude*.
+    from tetra_ros2.formation import Cosine, Formation, rotating
+
+    formation = Formation(rotating(), Cosine())
+    trajectory = formation.simulate(seed=7, duration=30.0)
+    print(trajectory.errors[-1], trajectory.spin())
+
+What is listed in ``__all__`` is the interface. The modules below it hold the mathematics. They
+work on numpy arrays of shape ``(..., n, 3)``: one formation, or a million. The exceptions are
+``controller``, ``bodies``, ``sensing`` and ``observer``, the parts of the running loop, which use
+plain floats: on vectors of three numbers numpy costs more than the arithmetic.
+
+The names of equations, lemmas and theorems are those of Zhang, Song, He, Hong, Hu, *Intrinsic
+Tetrahedron Formation of Reduced Attitude*.
 """
+
+import importlib
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tetra_ros2.formation._formation import Formation
+    from tetra_ros2.formation._trajectory import Trajectory
+    from tetra_ros2.formation.gain import (
+        Cosine,
+        Exponential,
+        Gain,
+        Gaussian,
+        Linear,
+        Rational,
+    )
+    from tetra_ros2.formation.shapes import known_shape, Shape
+    from tetra_ros2.formation.stability import Equilibrium
+    from tetra_ros2.formation.topology import complete, custom, rotating, Topology
+
+__all__ = [
+    'Cosine',
+    'Equilibrium',
+    'Exponential',
+    'Formation',
+    'Gain',
+    'Gaussian',
+    'Linear',
+    'Rational',
+    'Shape',
+    'Topology',
+    'Trajectory',
+    'complete',
+    'custom',
+    'known_shape',
+    'rotating',
+]
+
+_HOMES = {
+    '_formation': ('Formation',),
+    '_trajectory': ('Trajectory',),
+    'gain': ('Cosine', 'Exponential', 'Gain', 'Gaussian', 'Linear', 'Rational'),
+    'shapes': ('Shape', 'known_shape'),
+    'stability': ('Equilibrium',),
+    'topology': ('Topology', 'complete', 'custom', 'rotating'),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    # On demand: the process of an agent must not load the shapes, the plant or the analysis.
+    if name in _HOME:
+        return getattr(importlib.import_module(f'{__name__}.{_HOME[name]}'), name)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -23,13 +23,13 @@ class Observer:
 
     :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
     :param tolerance: the error below which it has formed [rad, or a fraction of ``fastest``]
-    :param fastest: the fastest rate that the law can command [rad/s]
+    :param fastest: the fastest rate that the law can command [rad/s]; may be changed at any time
     """
 
     def __init__(self, topology, tolerance, fastest=1.0):
         self.tolerance = tolerance
         self.shape = known_shape(topology)
-        self._scale = fastest if self.shape is None else 1.0
+        self.fastest = fastest
         self.pairs = measures.pairs(topology.n)
         self.count = 0  # samples seen
         self.stamp = None  # of the last one [ns]
@@ -78,7 +78,8 @@ class Observer:
             change = max([abs(a - b) for a, b in zip(angles, self._angles)])
             self.error = change / (stamp - self.stamp) * 1e9
         self._angles = angles
-        if not self.error < self.tolerance * self._scale:
+        scale = self.fastest if self._targets is None else 1.0
+        if not self.error < self.tolerance * scale:
             self.formed_at = None
         elif self.formed_at is None:
             self.formed_at = stamp

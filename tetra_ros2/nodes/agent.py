@@ -14,7 +14,7 @@ import time
 from geometry_msgs.msg import TwistStamped, Vector3Stamped
 from rclpy.duration import Duration
 
-from tetra_ros2.config.configuration import Formation, gain_from_parameters
+from tetra_ros2.config.configuration import formation_from_parameters, gain_from_parameters
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.controller import Controller
@@ -35,7 +35,7 @@ class Agent(FormationNode):
     def __init__(self, i, **kwargs):
         super().__init__(names.agent(i), **kwargs)
         values = parameters.declare(self, 'agent', self._accept, self._apply)
-        formation = Formation.from_parameters(values)
+        formation = formation_from_parameters(values)
         topology = formation.topology
         if not 1 <= i <= topology.n:
             raise ConfigurationError(
@@ -44,7 +44,8 @@ class Agent(FormationNode):
         neighbors = topology.neighbors(i)
         self._neighbors = [j for j, _ in neighbors]
         self._controller = Controller(
-            formation.axes[i - 1].tolist(), [weight for _, weight in neighbors], formation.gain)
+            formation.pointing_axes[i - 1].tolist(), [weight for _, weight in neighbors],
+            formation.gain)
         self._measurement = cdr.vector3_stamped(names.body_frame(i))
         self._encode = cdr.twist_stamped(names.body_frame(i)).encode
         self._before = 0, 0  # measurements and answers, until the last tick
@@ -83,7 +84,7 @@ class Agent(FormationNode):
         self._publisher.wait_for_all_acked(Duration(seconds=0.5))
 
     def _accept(self, values):
-        Formation.from_parameters(values)
+        formation_from_parameters(values)
 
     def _apply(self, values):
         """Follow the parameters that may change at run time."""

@@ -13,7 +13,7 @@ import numpy as np
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 
-from tetra_ros2.config.configuration import Formation
+from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.formation import shapes
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.observer import Observer
@@ -36,8 +36,8 @@ class Monitor(FormationNode):
 
     def __init__(self, **kwargs):
         super().__init__(names.MONITOR, **kwargs)
-        values = parameters.declare(self, 'monitor', Formation.from_parameters, self._apply)
-        self.formation = formation = Formation.from_parameters(values)
+        values = parameters.declare(self, 'monitor', formation_from_parameters, self._apply)
+        self.formation = formation = formation_from_parameters(values)
         self.observer = self._make_observer(values['tolerance'])
         self._old = 0  # how many old stamps in a row
         self._awaited = None
@@ -74,13 +74,17 @@ class Monitor(FormationNode):
         return (observer.stamp, observer.reduced_attitudes) if observer.count else None
 
     def _make_observer(self, tolerance):
+        return Observer(self.formation.topology, tolerance, self._fastest())
+
+    def _fastest(self):
+        """Return the fastest rate that the law can command [rad/s]."""
         topology, gain = self.formation.topology, self.formation.gain
-        fastest = float(gain.f(0.0) * np.abs(topology.weights).sum(axis=1).max())
-        return Observer(topology, tolerance, fastest)
+        return float(gain.f(0.0) * np.abs(topology.weights).sum(axis=1).max())
 
     def _apply(self, values):
         self.observer.tolerance = values['tolerance']
-        self.formation = Formation.from_parameters(values)
+        self.formation = formation_from_parameters(values)
+        self.observer.fastest = self._fastest()
 
     def _on_attitudes(self, message):
         observer = self.observer

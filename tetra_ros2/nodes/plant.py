@@ -15,7 +15,7 @@ from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
-from tetra_ros2.config.configuration import Formation, initial_attitudes
+from tetra_ros2.config.configuration import formation_from_parameters, initial_attitudes
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation import rotation
 from tetra_ros2.formation.bodies import RigidBodies
@@ -39,7 +39,7 @@ class Plant(FormationNode):
     def __init__(self, *, start=True, **kwargs):
         super().__init__(names.PLANT, **kwargs)
         values = parameters.declare(self, 'plant', self._accept, self._apply)
-        self.formation = Formation.from_parameters(values)
+        self.formation = formation_from_parameters(values)
         self._topology = topology = self.formation.topology
         n = topology.n
 
@@ -50,7 +50,7 @@ class Plant(FormationNode):
                 self.seed = secrets.randbelow(2**31)
             self.get_logger().info(f'random initial attitudes of seed {self.seed}')
         self._rng = np.random.default_rng(max(self.seed, 0))
-        self.bodies = RigidBodies(self._initial_attitudes(), self.formation.axes)
+        self.bodies = RigidBodies(self._initial_attitudes(), self.formation.pointing_axes)
 
         self._send_state = raw_publish(self.offer(
             PoseArray, names.ATTITUDES, qos.STATE, exclusive=True))
@@ -113,7 +113,7 @@ class Plant(FormationNode):
         return rotation.random(self._rng, (self._topology.n,))
 
     def _accept(self, values):
-        formation = Formation.from_parameters(values)
+        formation = formation_from_parameters(values)
         initial_attitudes(values, formation.topology.n)
         timeout, rate = values['command_timeout'], values['rate']
         if values['mode'] == 'realtime' and 0.0 < timeout < 2.0 / rate:
@@ -182,7 +182,7 @@ class Plant(FormationNode):
 
     def reset(self):
         """Go back to the initial condition, or to a new random one; time goes on."""
-        self.bodies = RigidBodies(self._initial_attitudes(), self.formation.axes)
+        self.bodies = RigidBodies(self._initial_attitudes(), self.formation.pointing_axes)
         if self._imperfect is not None:
             self._imperfect.restart(self.bodies.seen_by)
         self.time.state_changed()

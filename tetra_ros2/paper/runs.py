@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import measures, sampling
 from tetra_ros2.formation.observer import Observer
 
@@ -47,12 +46,11 @@ def node_parameters(topology, gain):
     Return the parameters that make nodes of a topology and a gain.
 
     :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
-    :param gain: a :class:`~tetra_ros2.formation.gain.Gain` of one of the families
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     """
-    kind = next(name for name, family in gains.KINDS.items() if family is type(gain))
     return {'topology.kind': 'custom', 'topology.n': topology.n,
             'topology.edges': [f'{i} {j} {weight!r}' for i, j, weight in topology.edges],
-            'gain.kind': kind, 'gain.a': gain.a, 'gain.b': gain.b}
+            'gain.kind': gain.kind, 'gain.a': gain.a, 'gain.b': gain.b}
 
 
 def run_nodes(topology, gain, duration, *, rate=100.0, seed=0, attitudes=None, parameters=None):
@@ -60,7 +58,7 @@ def run_nodes(topology, gain, duration, *, rate=100.0, seed=0, attitudes=None, p
     Run plant, agents and monitor in lockstep, and keep all that the monitor saw.
 
     :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
-    :param gain: a :class:`~tetra_ros2.formation.gain.Gain` of one of the families
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :param duration: formation time [s]
     :param rate: steps per second of formation time [Hz]
     :param seed: of the random initial attitudes

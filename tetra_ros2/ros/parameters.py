@@ -15,6 +15,7 @@ from rcl_interfaces.msg import (
 from rclpy.parameter import Parameter
 
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, PARAMETERS
+from tetra_ros2.formation import gain as gains
 
 _TYPES = {
     bool: ParameterType.PARAMETER_BOOL,
@@ -52,6 +53,12 @@ def declare(node, kind, accept, apply):
             if change.name in specs and change.type_ == Parameter.Type.NOT_SET:
                 return SetParametersResult(
                     successful=False, reason=f'{change.name} cannot be deleted')
+            # Whoever can set a parameter must not choose what this process imports.
+            if change.name == 'gain.kind' and gains.OWN.fullmatch(str(change.value)) \
+                    and not gains.is_known(change.value):
+                return SetParametersResult(
+                    successful=False, reason=f'gain.kind: {change.value!r} is not valid here: a '
+                    'node takes a gain of your own only when it starts')
         try:
             accept(values(changes))
         except ConfigurationError as error:

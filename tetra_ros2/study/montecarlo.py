@@ -85,11 +85,11 @@ class Case:
     parameters: dict
 
     def formation(self):
-        """Return the :class:`~tetra_ros2.config.configuration.Formation`."""
-        from tetra_ros2.config.configuration import Formation
+        """Return the :class:`~tetra_ros2.formation.Formation`."""
+        from tetra_ros2.config.configuration import formation_from_parameters
         from tetra_ros2.config.parameters import check_parameters
         given = {k: v for k, v in self.parameters.items() if k != 'rate'}
-        return Formation.from_parameters(check_parameters('monitor', given))
+        return formation_from_parameters(check_parameters('monitor', given))
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def run_chunk(plan, which, chunk):
     case = plan.cases[which]
     formation = case.formation()
     topology, gain = formation.topology, formation.gain
-    gamma = rotation.rotate(plan.attitudes(chunk, topology.n), formation.axes)
+    gamma = rotation.rotate(plan.attitudes(chunk, topology.n), formation.pointing_axes)
     h = round(1e9 / case.parameters['rate']) / 1e9  # the plant counts nanoseconds
     formed, gamma = batch.fastest()(gain)(
         gamma, topology.weights, gain, known_shape(topology).angles, plan.tolerance, h,

@@ -25,7 +25,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool, Trigger
 
-from tetra_ros2.config.configuration import Formation
+from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, FORMATION
 from tetra_ros2.drawing.theory import Theory
 from tetra_ros2.formation.checks import Rejected, require_unit
@@ -226,7 +226,7 @@ class Viewer(FormationNode):
         if not settings or not set(_FORMATION_PARAMETERS) <= set(settings):
             return None
         try:
-            return Formation.from_parameters(check_parameters('agent', settings))
+            return formation_from_parameters(check_parameters('agent', settings))
         except ConfigurationError:
             return None  # somebody else's node, with parameters of the same names
 
