@@ -60,7 +60,8 @@ class Launcher:
     :param parameters: more parameters, ``{'gain.a': 2.0}`` for all nodes that have it or
         ``{'plant:rate': 50.0}`` for one kind of node; they come before the configuration's
     :param without: names of nodes to leave out, for somebody else's in their place
-    :param view: address and port on which to show it to browsers; None for no viewer
+    :param view: address and port on which to show it to browsers, and whether they may do
+        nothing but look; None for no viewer
     :param ros_arguments: arguments as after ``--ros-args`` on a command line
     :raises ConfigurationError: if anything of this is not valid; nothing was started then
     """
@@ -141,9 +142,10 @@ class Launcher:
             self.plant = self._add(Plant, 'plant', start=False)
         if self._view is not None:
             from tetra_ros2.viewer.node import Viewer
-            host, port = self._view
+            host, port, read_only = (*self._view, False)[:3]
             # It gets the states from the monitor: one subscription more would slow the steps.
-            self.viewer = self._add(Viewer, None, watch=self.monitor.watch, host=host, port=port)
+            self.viewer = self._add(
+                Viewer, None, watch=self.monitor.watch, host=host, port=port, read_only=read_only)
         self._discover()
         if self._recording:
             from tetra_ros2.recording.recorder import Recorder

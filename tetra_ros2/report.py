@@ -52,7 +52,7 @@ def main(arguments, config, ros_arguments):
         config, seed=arguments.seed, mode=arguments.mode,
         namespace=arguments.namespace, record=arguments.record, storage=arguments.storage,
         without=arguments.without,
-        view=(arguments.host, arguments.port) if arguments.view else None,
+        view=(arguments.host, arguments.port, arguments.read_only) if arguments.view else None,
         ros_arguments=ros_arguments)
     with launcher, until_signalled(launcher.executor) as interrupt:
         if arguments.view:

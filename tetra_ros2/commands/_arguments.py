@@ -29,10 +29,13 @@ def add_web(parser):
     """Add where the viewer's web server listens."""
     parser.add_argument(
         '--host', metavar='ADDRESS', default='127.0.0.1',
-        help='address to listen on; 0.0.0.0 lets other machines look (default: %(default)s)')
+        help='address to listen on; 0.0.0.0 lets other machines in, with the token of the '
+             'printed address (default: %(default)s)')
     parser.add_argument(
         '--port', type=int, default=8080, metavar='P',
         help='port to listen on; 0 for any that is free (default: %(default)s)')
+    parser.add_argument(
+        '--read-only', action='store_true', help='let browsers look, and change nothing')
 
 
 def add_storage(parser, default=None):

@@ -21,4 +21,4 @@ def run(arguments):
         from tetra_ros2.viewer import replay  # needs viser and rosbags
         return replay.run(arguments)
     from tetra_ros2.viewer import node  # needs viser and ROS
-    return node.main(arguments.host, arguments.port, config, ros)
+    return node.main(arguments.host, arguments.port, arguments.read_only, config, ros)

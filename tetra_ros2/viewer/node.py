@@ -71,16 +71,17 @@ class Viewer(FormationNode):
 
     :param host: address that the web server listens on
     :param port: its port; 0 for any that is free
+    :param read_only: whether browsers may do nothing but look
     :param watch: called with a function that takes the bytes of every state, where somebody in
         this process has them already; by default the viewer subscribes for itself
     :param kwargs: what rclpy's Node takes beside its name
     :raises ConfigurationError: if the port is taken; see :func:`tetra_ros2.viewer.server.serve`
     """
 
-    def __init__(self, *, host='127.0.0.1', port=8080, watch=None, **kwargs):
+    def __init__(self, *, host='127.0.0.1', port=8080, read_only=False, watch=None, **kwargs):
         super().__init__(names.VIEWER, **kwargs)
         self.exclusive_inputs = False  # everybody publishes diagnostics
-        self.page = Page(serve(host, port))
+        self.page = Page(serve(host, port, read_only))
         self._inbox = deque(maxlen=10000)
         self._requests = queue.SimpleQueue()  # what the server's threads ask of this one
         self._controls = Controls(self.page, _Actions(self._requests))
@@ -105,7 +106,8 @@ class Viewer(FormationNode):
         self.create_steady_timer(FRAME_PERIOD, self._refresh)
         self.create_steady_timer(INQUIRY_PERIOD, self._inquire)
         self._show_status()
-        self.get_logger().info(f'open {self.page.address} in a browser')
+        # Not in the log, which every node can read: it may hold the token.
+        print(self.page.server.invitation, flush=True)
 
     def close(self):
         """Send the browsers away."""
@@ -161,9 +163,15 @@ class Viewer(FormationNode):
 
     def _on_diagnostics(self, message):
         plant = self.resolve_service_name(names.PLANT)
-        for status in deserialize_message(message, DiagnosticArray).status:
+        try:
+            statuses = deserialize_message(message, DiagnosticArray).status
+        except Exception:  # anybody may send anything, and DDS has no one error for that
+            self.health.reject(Rejected(Rejected.MALFORMED), names.DIAGNOSTICS)
+            return
+        for status in statuses:
             if status.name == plant:
-                self._plant_paused = status.message.startswith('paused')
+                state = {item.key: item.value for item in status.values}.get('state')
+                self._plant_paused = (state or status.message).startswith('paused')
                 self._controls.show_paused(self._plant_paused)
 
     def _show_status(self):
@@ -320,7 +328,8 @@ class Viewer(FormationNode):
 
     def assess(self):
         """Return level, message and figures for the diagnostics."""
-        values = {'browsers': len(self.page.server.get_clients()), 'address': self.page.address,
+        values = {'browsers': len(self.page.server.get_clients()),
+                  'port': self.page.server.get_port(),
                   **self.health.rates({'state rate [Hz]': self._states,
                                        'picture rate [Hz]': self._pictures})}
         if self._heard_at is None:
@@ -338,6 +347,7 @@ class _Actions:
         return lambda *arguments: self._requests.put((name, arguments))
 
 
-def main(host, port, config=None, arguments=()):
+def main(host, port, read_only=False, config=None, arguments=()):
     """Run the viewer until it is signalled; see :func:`tetra_ros2.ros.executor.run`."""
-    return executor.run(partial(Viewer, host=host, port=port), config, arguments)
+    return executor.run(
+        partial(Viewer, host=host, port=port, read_only=read_only), config, arguments)

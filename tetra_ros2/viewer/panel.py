@@ -10,7 +10,6 @@ from tetra_ros2.drawing.theory import table, Theory
 from tetra_ros2.viewer.charts import Charts
 from tetra_ros2.viewer.history import History
 from tetra_ros2.viewer.scene import Scene
-from tetra_ros2.viewer.server import address
 
 FRAME_PERIOD = 1.0 / 30.0
 """How often the scene is drawn [s]."""
@@ -50,7 +49,7 @@ class Page:
     @property
     def address(self):
         """Return the address to open in a browser."""
-        return address(self.server)
+        return self.server.address
 
     @property
     def watched(self):

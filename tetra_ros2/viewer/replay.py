@@ -109,9 +109,9 @@ def run(arguments):
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: signalled.set())
     loaded = recording.load(arguments.bag, arguments.namespace or None)
-    page = Page(serve(arguments.host, arguments.port))
+    page = Page(serve(arguments.host, arguments.port, arguments.read_only))
     replay = Replay(page, loaded)
-    print(f'open {page.address} in a browser', flush=True)
+    print(page.server.invitation, flush=True)
     last = time.monotonic()
     while not signalled.wait(FRAME_PERIOD):
         now = time.monotonic()

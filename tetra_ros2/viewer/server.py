@@ -7,21 +7,63 @@ import contextlib
 import io
 import logging
 import socket
+from typing import Any
 
 import viser
 
 from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.viewer.door import Door, guard, is_loopback, TITLE
 
-TITLE = 'tetra_ros2'
+
+class Server(viser.ViserServer):
+    """
+    A viser server with a door.
+
+    :param door: who is let in
+    :param port: to listen on; 0 for any that is free
+    """
+
+    def __init__(self, door: Door, port: int) -> None:
+        with guard(door):
+            super().__init__(host=door.host, port=port, label=TITLE, verbose=False)
+        self.door = door
+        self.gui.configure_theme(
+            control_width='large', show_logo=False, show_share_button=False,
+            brand_color=(0, 114, 178))
+        self.gui.main_panel.dock_right()
+
+    def request_share_url(self, *_: Any, **__: Any) -> None:
+        """Do nothing: a tunnel through somebody else's machine is not for a browser to open."""
+
+    @property
+    def address(self) -> str:
+        """Return the address to open in a browser, one that other machines understand too."""
+        host = self.door.host
+        if host in ('', '0.0.0.0', '::'):
+            host = _own_address(host)
+        shown = f'[{host}]' if ':' in host else host
+        return f'http://{shown}:{self.get_port()}/{self.door.query}'
+
+    @property
+    def invitation(self) -> str:
+        """Return the line that tells a person where to look."""
+        notes = []
+        if not is_loopback(self.door.host):
+            notes.append('other machines may look' + (
+                '' if self.door.read_only else ', and drive it with this address'))
+        if self.door.read_only:
+            notes.append('read-only')
+        return f'open {self.address} in a browser' + (f' ({", ".join(notes)})' if notes else '')
 
 
-def serve(host, port):
+def serve(host: str, port: int, read_only: bool = False) -> Server:
     """
     Start the server.
 
-    :param host: address to listen on
+    :param host: address to listen on; beyond this machine, a browser needs the token that
+        the printed address holds, unless the page is read-only
     :param port: to listen on; 0 for any that is free
-    :returns: a ``viser.ViserServer``
+    :param read_only: whether browsers may do nothing but look
     :raises ConfigurationError: if the port is taken or the address is not of this machine
     """
     # viser itself would quietly take another port than the one that was asked for.
@@ -38,21 +80,22 @@ def serve(host, port):
     # Who connects and says nothing, such as a port scanner, is not worth a traceback.
     logging.getLogger('websockets.server').setLevel(logging.CRITICAL)
     with contextlib.redirect_stdout(io.StringIO()):  # it greets, whatever it was told
-        server = viser.ViserServer(host=host, port=port, label=TITLE, verbose=False)
-    server.gui.configure_theme(
-        control_layout='fixed', control_width='large', show_logo=False, show_share_button=False,
-        brand_color=(0, 114, 178))
-    return server
+        return Server(Door.make(host, read_only), port)
 
 
-def stop(server):
+def stop(server: viser.ViserServer) -> None:
     """End it, and send the browsers away."""
     with contextlib.redirect_stdout(io.StringIO()):  # as it greeted, it takes its leave
         server.stop()
 
 
-def address(server):
-    """Return the address to open in a browser."""
-    host = server.get_host()
-    shown = {'0.0.0.0': 'localhost', '::': 'localhost'}.get(host, host)
-    return f'http://{f"[{shown}]" if ":" in shown else shown}:{server.get_port()}'
+def _own_address(host: str) -> str:
+    """Return the address of this machine that others are most likely to reach it at."""
+    family, other = (socket.AF_INET6, '2001:db8::1') if host == '::' \
+        else (socket.AF_INET, '192.0.2.1')
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((other, 9))  # sends nothing; the system only chooses a way
+            return str(probe.getsockname()[0])
+        except OSError:  # no network at all
+            return socket.gethostname()
