@@ -24,6 +24,11 @@ def agent(i):
     return AGENTS[(i - 1) % len(AGENTS)]
 
 
+def marker(i):
+    """Return which kind of marker agent i has, from 0: agents of the same colour differ in it."""
+    return (i - 1) // len(AGENTS)
+
+
 def pair(index):
     """Return the colour of a pair of agents by its place in lexicographic order, from 0."""
     return AGENTS[index % len(AGENTS)]

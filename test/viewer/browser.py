@@ -1,0 +1,135 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A real browser to look at the viewer with, and what is to be seen in it."""
+
+from contextlib import closing, contextmanager
+import os
+from pathlib import Path
+import re
+import shutil
+import socket
+import time
+
+from harness import DEADLINE
+import numpy as np
+import pytest
+
+ARTEFACTS = Path(os.environ.get(
+    'TETRA_ARTEFACTS', Path(__file__).parents[2] / 'build' / 'screenshots'))
+"""Where screenshots are kept."""
+
+FLAGS = ['--no-sandbox', '--disable-quic', '--no-first-run', '--disable-background-networking',
+         '--disable-component-update', '--disable-sync', '--use-gl=angle',
+         '--use-angle=swiftshader', '--enable-unsafe-swiftshader']
+
+SLOW_FRAMES = ('const now = () => performance.now();'
+               'window.requestAnimationFrame = f => setTimeout(() => f(now()), 200);'
+               'window.cancelAnimationFrame = clearTimeout;')
+"""Makes a browser draw five pictures a second."""
+
+
+@contextmanager
+def launch():
+    """Give a browser, or fail with the reason."""
+    program = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser',
+                                                   'google-chrome'))), None)
+    if program is None:
+        pytest.fail('the viewer is tested in a real browser: apt install chromium', pytrace=False)
+    from playwright.sync_api import sync_playwright
+    with sync_playwright() as playwright, closing(playwright.chromium.launch(
+            executable_path=program, headless=True, args=FLAGS)) as browser:
+        yield browser
+
+
+def open_page(context, address):
+    """Open an address, and note what the page asks of other places."""
+    page = context.new_page()
+    page.set_default_timeout(1000.0 * DEADLINE)
+    page.elsewhere = []
+    place = re.escape(re.match(r'(\w+://[^/]*)', address)[1])
+    page.on('request', lambda request: page.elsewhere.append(request.url)
+            if not re.match(rf'(blob:)?{place}|data:', request.url) else None)
+    page.goto(address)
+    return page
+
+
+def free_port():
+    """Return a port on which nobody listens."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return probe.getsockname()[1]
+
+
+def wait_for_server(port):
+    """Wait until somebody listens on a port."""
+    deadline = time.monotonic() + DEADLINE
+    while True:
+        try:
+            socket.create_connection(('127.0.0.1', port), timeout=1.0).close()
+            return
+        except OSError:
+            assert time.monotonic() < deadline, f'nobody listens on port {port}'
+            time.sleep(0.05)
+
+
+def until(page, condition, what):
+    """Let a page live until a condition holds, and return what it returned."""
+    deadline = time.monotonic() + DEADLINE
+    while not (result := condition()):
+        assert time.monotonic() < deadline, f'{what}: not within {DEADLINE} s; {status(page)}'
+        page.wait_for_timeout(50)
+    return result
+
+
+def status(page):
+    """Return the line of status of a page."""
+    found = re.search(r'.*(waiting|agents|states|ended).*', page.inner_text('body'))
+    return found[0] if found else page.inner_text('body')[:200]
+
+
+def shown_time(page):
+    """Return the formation time that a page shows [s], or None."""
+    found = re.search(r't = ([\d.]+) s', page.inner_text('body'))
+    return found and float(found[1])
+
+
+def charts(page):
+    """Return the charts of a page: their data, and how often each was built."""
+    return page.evaluate(
+        'Object.values(window.__viserTestpoints?.uplots ?? {}).map('
+        'u => [u.chart.data.map(d => Array.from(d)), u.createCount])')
+
+
+def dismiss(page):
+    """Take away what the browser has to say about the machine."""
+    for button in page.locator('.mantine-Notification-closeButton').all():
+        button.click()  # no GPU in here, it says
+
+
+def pixels(page, name=None):
+    """Return the pixels of a page; keep it as a picture if it has a name."""
+    import io
+
+    from PIL import Image
+    raw = page.screenshot()
+    if name is not None:
+        ARTEFACTS.mkdir(parents=True, exist_ok=True)
+        (ARTEFACTS / f'{name}.png').write_bytes(raw)
+    with Image.open(io.BytesIO(raw)) as image:
+        return np.asarray(image.convert('RGB')).astype(int)
+
+
+def hue(rgb):
+    """Return hue [deg] and saturation, ``(...)``: what light and haze leave of a colour."""
+    r, g, b = np.moveaxis(np.asarray(rgb, dtype=float), -1, 0)
+    most, least = np.max(rgb, axis=-1), np.min(rgb, axis=-1)
+    angle = np.degrees(np.arctan2(np.sqrt(3.0) * (g - b), 2.0 * r - g - b)) % 360.0
+    return angle, (most - least) / np.maximum(most, 1)
+
+
+def has_hue(image, color, tolerance=12.0, least=0.25):
+    """Return which pixels have the hue of a colour, red, green and blue from 0 to 255."""
+    angle, saturation = hue(image)
+    off = np.abs((angle - hue(color)[0] + 180.0) % 360.0 - 180.0)
+    return (off < tolerance) & (saturation > least)
