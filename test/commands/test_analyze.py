@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tetra_ros2.cli import main
-from tetra_ros2.commands.analyze import analyze, components
-from tetra_ros2.formation import measures, rotation, shapes, topology
+from tetra_ros2.commands.analyze import analyze
+from tetra_ros2.formation import analysis, measures, rotation, shapes, topology
 from tetra_ros2.formation.gain import Cosine
 from tetra_ros2.paper.runs import run_nodes
 
@@ -47,9 +47,9 @@ def test_the_papers_complete_graph():
     assert found.slowest_rate == pytest.approx(8.0 / 3.0)
     assert found.fastest_rate == pytest.approx(32.0 / 9.0)
     assert found.settling_time == pytest.approx(3.0 / 8.0 * np.log(100.0))
-    assert found.longest_sample_time == pytest.approx(0.5625)
-    assert found.longest_delay == pytest.approx(0.4418, abs=1e-4)
-    assert found.most_delay_steps == 43
+    assert found.max_sample_time == pytest.approx(0.5625)
+    assert found.max_delay == pytest.approx(0.4418, abs=1e-4)
+    assert found.max_delay_steps == 43
 
 
 def test_the_papers_rotating_graph():
@@ -57,8 +57,8 @@ def test_the_papers_rotating_graph():
     assert not found.symmetric
     assert found.period == pytest.approx(2.0 * np.sqrt(3.0) * np.pi)
     assert found.slowest_rate == pytest.approx(1.52197, abs=1e-5)
-    assert found.longest_sample_time == pytest.approx(0.9761, abs=1e-4)
-    assert found.most_delay_steps == 61
+    assert found.max_sample_time == pytest.approx(0.9761, abs=1e-4)
+    assert found.max_delay_steps == 61
     assert found.offset == pytest.approx(2.9e-4, abs=1e-5)
 
 
@@ -74,13 +74,16 @@ def test_any_weighted_digraph(configuration):
 
 def test_a_shape_among_a_continuum_of_others_is_told(configuration):
     found = analyze(configuration('    topology: {n: 6}\n'))
-    assert not found.isolated
+    assert not found.hyperbolic
 
 
 def test_components():
-    strong, weak = components(topology.custom(5, [(1, 2), (2, 1), (2, 3), (4, 5)]).weights)
+    strong, weak = analysis.components(
+        topology.custom(5, [(1, 2), (2, 1), (2, 3), (4, 5)]).weights)
     assert strong == [(1, 2), (3,), (4,), (5,)]
     assert weak == [(1, 2, 3), (4, 5)]
+    # Weights of opposite sign are edges in both directions, and not none.
+    assert analysis.components([[0.0, 1.0], [-1.0, 0.0]])[1] == [(1, 2)]
 
 
 def size_late(parameters, rate, duration):
@@ -98,7 +101,7 @@ def test_nodes_hold_at_a_sample_time_of_0_55_and_do_not_at_0_57():
 
 
 def test_nodes_hold_at_the_delay_limit_and_not_a_step_beyond():
-    steps = analyze('complete').most_delay_steps
+    steps = analyze('complete').max_delay_steps
     before, after = size_late({'plant:measurement_delay': steps / 100.0}, 100.0, 80.0)
     assert after < 0.7 * before
     before, after = size_late({'plant:measurement_delay': (steps + 1) / 100.0}, 100.0, 80.0)
@@ -106,7 +109,7 @@ def test_nodes_hold_at_the_delay_limit_and_not_a_step_beyond():
 
 
 def test_delay_and_sampling_together_limit_the_nodes():
-    steps = analyze('complete', rate=10.0).most_delay_steps
+    steps = analyze('complete', rate=10.0).max_delay_steps
     assert steps == 3
     before, after = size_late({'plant:measurement_delay': 0.1 * steps}, 10.0, 60.0)
     assert after < 0.01 * before
@@ -131,7 +134,7 @@ def test_a_loop_that_is_not_stable_at_its_rate_makes_exit_status_1(capsys):
 def test_json_has_every_figure(capsys):
     assert main(['analyze', '--json']) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document['most_delay_steps'] == 43
+    assert document['max_delay_steps'] == 43
     assert len(document['eigenvalues']) == 5
 
 

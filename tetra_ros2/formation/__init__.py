@@ -27,6 +27,7 @@ from typing import Any, TYPE_CHECKING
 if TYPE_CHECKING:
     from tetra_ros2.formation._formation import Formation
     from tetra_ros2.formation._trajectory import Trajectory
+    from tetra_ros2.formation.analysis import Analysis
     from tetra_ros2.formation.gain import (
         Cosine,
         Exponential,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from tetra_ros2.formation.topology import complete, custom, rotating, Topology
 
 __all__ = [
+    'Analysis',
     'Cosine',
     'Equilibrium',
     'Exponential',
@@ -60,6 +62,7 @@ __all__ = [
 _HOMES = {
     '_formation': ('Formation',),
     '_trajectory': ('Trajectory',),
+    'analysis': ('Analysis',),
     'gain': ('Cosine', 'Exponential', 'Gain', 'Gaussian', 'Linear', 'Rational'),
     'shapes': ('Shape', 'known_shape'),
     'stability': ('Equilibrium',),

@@ -17,6 +17,7 @@ from tetra_ros2.formation.topology import Topology
 
 if TYPE_CHECKING:
     from tetra_ros2.formation._trajectory import Trajectory
+    from tetra_ros2.formation.analysis import Analysis
     from tetra_ros2.formation.shapes import Shape
     from tetra_ros2.formation.stability import Equilibrium
 
@@ -97,3 +98,22 @@ class Formation:
         from tetra_ros2.formation.stability import find_equilibria
         return find_equilibria(
             np.random.default_rng(seed), self.topology.weights, self.gain, starts)[0]
+
+    def analyze(self, *, rate: float = 100.0, delay: float = 0.0, noise: float = 1e-3,
+                start: float = 0.1, error: float = 1e-3,
+                initial: ArrayLike | None = None, seed: int = 0) -> Analysis:
+        """
+        Return what theory says of the formation that attracts, at rest or spinning.
+
+        :param rate: of the sampled loop [Hz]
+        :param delay: how old the measurements are [s]; rounded up to whole steps
+        :param noise: standard deviation of a measured direction, per axis [rad]
+        :param start: error from which on to count the settling time [rad]
+        :param error: error at which it has settled [rad]
+        :param initial: where to start looking if no shape is known; see :meth:`simulate`
+        :param seed: of random attitudes in its place
+        :raises ValueError: if an argument is not valid, or there is no formation to analyse
+        """
+        from tetra_ros2.formation.analysis import analyze
+        return analyze(self, rate=rate, delay=delay, noise=noise, start=start, error=error,
+                       initial=initial, seed=seed)

@@ -21,6 +21,9 @@ LEGENDRE = np.polynomial.legendre.leggauss(48)
 ZERO = 1e-9
 """A real part below this, relative to the largest eigenvalue, is zero to rounding."""
 
+SLOW = 1e-7
+"""A real part below this, relative to the largest eigenvalue, is no rate that anybody sees."""
+
 ACCURACY = 1e-4
 """
 How far from an equilibrium Newton's method may end, in rad.
@@ -174,6 +177,24 @@ class RelativeEquilibrium:
     def inertia(self):
         """Return how many transverse eigenvalues have positive, zero and negative real part."""
         return inertia(self.eigenvalues)
+
+    @property
+    def decaying(self):
+        """Return the eigenvalues of the deviations that decay [1/s], the slowest first."""
+        values = self.eigenvalues
+        return values[values.real < -SLOW * np.max(np.abs(values), initial=0.0)]
+
+    @property
+    def is_hyperbolic(self):
+        """Return whether no eigenvalue has a real part of zero, to within SLOW."""
+        values = self.eigenvalues
+        return bool(np.all(np.abs(values.real) > SLOW * np.max(np.abs(values), initial=0.0)))
+
+    @property
+    def spins(self):
+        """Return whether it turns, and does not just seem to by rounding."""
+        return bool(np.linalg.norm(self.spin)
+                    > ZERO * np.max(np.abs(self.eigenvalues), initial=0.0))
 
 
 def inertia(eigenvalues):

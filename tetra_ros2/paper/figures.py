@@ -111,7 +111,7 @@ class _Measured:
         self.predicted_rate = float(-np.max(spectrum.real))
         there = sampling.sampled_equilibrium(
             run.gamma[-1], self.topology.weights, self.gain, run.h)
-        self.sampled_rate = float(-np.log(abs(there.multipliers()[0])) / run.h)
+        self.sampled_rate = float(-np.log(abs(there.floquet_multipliers()[0])) / run.h)
         self.measured_rate = decay_rate(run, self.topology, self.gain)
         spin = measures.mean_angular_velocity(run.gamma[-51], run.gamma[-1], 50 * run.h)
         self.measured_spin = float(spin @ run.gamma[-1, 0])
