@@ -3,6 +3,7 @@
 
 """The batch of the sampled loop: numpy and numba, and against the loop of one formation."""
 
+from dataclasses import dataclass
 import sys
 
 import numpy as np
@@ -60,4 +61,35 @@ def test_a_start_that_does_not_form_is_told():
 
 def test_without_numba_there_is_numpy(monkeypatch):
     monkeypatch.setitem(sys.modules, 'numba', None)
-    assert batch.fastest()(gain.Cosine()) is batch.run
+    assert batch.fastest(gain.Cosine(), 4) is batch.run
+
+
+class Quartic(gain.Gain):
+    def f(self, theta, xp=np):
+        return self.a / (1.0 + self.b * theta**4)
+
+
+@dataclass(frozen=True)
+class Shifted(gain.Gain):
+    shift: float = 0.5
+
+    def f(self, theta, xp=np):
+        return self.a / (self.shift + theta)
+
+
+class Interpreted(Quartic):
+    def f(self, theta, xp=np):
+        return super().f(theta, xp)  # which numba cannot compile
+
+
+@pytest.mark.parametrize('family', [Quartic, Shifted, Interpreted])
+def test_a_gain_of_ones_own_is_compiled_where_numba_can(family):
+    chosen = family()
+    follow = batch.fastest(chosen, 4)
+    assert (follow is batch.run) == (family is Interpreted)
+    given = (rotation.rotate(starts(4, 5), AXIS), GRAPHS[0].weights, chosen,
+             shapes.TETRAHEDRON.angles, 1e-3, 0.05, 3000, 20)
+    formed, last = follow(*given)
+    assert np.all(formed > 0)
+    assert np.array_equal(formed, batch.run(*given)[0])
+    assert np.max(np.abs(last - batch.run(*given)[1])) < 1e-10

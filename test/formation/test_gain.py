@@ -152,3 +152,100 @@ def test_every_family_has_a_kind_to_be_chosen_by():
 def test_a_gain_cannot_be_changed_into_one_that_was_not_checked():
     with pytest.raises(dataclasses.FrozenInstanceError):
         gains.Cosine().a = -1.0
+
+
+class Quartic(gains.Gain):
+    def f(self, theta, xp=np):
+        return self.a / (1.0 + self.b * theta**4)
+
+
+def test_a_gain_of_ones_own_needs_no_derivative():
+    exact = -4.0 * INTERIOR**3 / (1.0 + INTERIOR**4)**2
+    np.testing.assert_allclose(Quartic().derivative(INTERIOR), exact, rtol=1e-13)
+    cosines = np.cos(INTERIOR)
+    np.testing.assert_allclose(Quartic().of_cosine_derivative(cosines), -exact / np.sin(INTERIOR),
+                               rtol=1e-9)
+
+
+class Kinked(gains.Gain):
+    def f(self, theta, xp=np):
+        return self.a * (4.0 - abs(theta))
+
+
+class Hasty(gains.Gain):
+    def f(self, theta, xp=np):
+        return self.a * xp.exp(-theta)
+
+    def derivative(self, theta, xp=np):
+        return -2.0 * self.a * xp.exp(-theta)
+
+
+class NoModule(gains.Gain):
+    def f(self, theta):
+        return self.a * np.exp(-theta)
+
+
+class Scalar(gains.Gain):
+    def f(self, theta, xp=np):
+        return self.a if theta < 1.0 else 0.5 * self.a
+
+
+class Complex(gains.Gain):
+    def f(self, theta, xp=np):
+        return self.a * np.exp(-theta + 0j)
+
+
+class Twofold(gains.Gain):
+    def f(self, theta, xp=np):
+        return self.a * (np.exp(-theta) if xp is np else math.exp(-2.0 * theta))
+
+
+class Loose(gains.Gain):
+    def f(self, theta, xp=np):
+        return self.a
+
+
+@pytest.mark.parametrize('family, what', [
+    (Kinked, "the derivative must be that of f|f' < 0"),
+    (Hasty, 'the derivative must be that of f'),
+    (NoModule, 'cannot be evaluated: TypeError'),
+    (Scalar, 'cannot be evaluated: ValueError'),
+    (Complex, 'must be a float, not complex'),
+    (Twofold, 'one value for math and another for numpy'),
+    (Loose, 'an array of the shape of theta')])
+def test_what_is_wrong_with_a_gain_of_ones_own_is_said(family, what):
+    with pytest.raises(ValueError, match=what):
+        family()
+
+
+def test_a_kind_is_the_name_by_which_a_family_is_chosen():
+    for kind, family in gains.KINDS.items():
+        assert gains.family(kind) is family
+        assert family().kind == kind
+    own = Quartic().kind
+    assert own == f'{__name__}:Quartic'
+    assert gains.is_known(own)
+    assert gains.family(own) is Quartic
+
+
+@pytest.mark.parametrize('kind, what', [
+    ('cosin', 'expected one of cosine'),
+    ('nowhere.to_be:Found', "there is no module 'nowhere'"),
+    ('math:sin', 'sin is not a subclass of tetra_ros2.formation.Gain'),
+    ('math:Nothing', 'there is no Nothing in math'),
+    (f'{__name__}:INTERIOR', 'INTERIOR is not a subclass'),
+    ('tetra_ros2.formation.gain:Gain', 'Gain has no method f')])
+def test_a_kind_that_leads_nowhere_is_refused(kind, what):
+    with pytest.raises(gains.UnknownGain, match=what):
+        gains.family(kind)
+
+
+def test_a_module_that_cannot_be_imported_is_told_from_one_that_is_not_there(
+        tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'gains_that_fail.py').write_text('import not_installed_at_all\n')
+    (tmp_path / 'gains_that_raise.py').write_text('1 / 0\n')
+    with pytest.raises(gains.UnknownGain, match='cannot be imported: No module'):
+        gains.family('gains_that_fail:X')
+    with pytest.raises(gains.UnknownGain, match='cannot be imported: ZeroDivisionError'):
+        gains.family('gains_that_raise:X')

@@ -10,20 +10,26 @@ are orthogonal to the pointing axes, so a held command moves Gamma along a great
 """
 
 from collections import namedtuple
+from collections.abc import Callable
+from dataclasses import fields
 from functools import cache
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from tetra_ros2.formation import law, measures, sphere
+from tetra_ros2.formation.gain import Gain
+
+Array = NDArray[np.float64]
+Run = Callable[..., tuple[NDArray[np.int64], Array]]
 
 NEVER = -1
 """Where there would be the number of a step: the start did not form."""
 
-GainParameters = namedtuple('GainParameters', ('a', 'b'))
 
-
-def advance(gamma, weights, gain, h):
+def advance(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: float) -> Array:
     """
     Return the reduced attitudes one step of the sampled loop later.
 
@@ -35,7 +41,8 @@ def advance(gamma, weights, gain, h):
     return sphere.exp(gamma, h * law.velocity(gamma, weights, gain))
 
 
-def run(gamma, weights, gain, target_angles, tolerance, h, longest, hold):
+def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, target_angles: ArrayLike,
+        tolerance: float, h: float, longest: int, hold: int) -> tuple[NDArray[np.int64], Array]:
     """
     Run every start until it has formed, or for so many steps.
 
@@ -52,7 +59,7 @@ def run(gamma, weights, gain, target_angles, tolerance, h, longest, hold):
     :param hold: for how many steps the error must stay below the tolerance
     :returns: the step at which each formed or NEVER, ``(m,)``, and the last reduced attitudes
     """
-    gamma = np.array(gamma, dtype=float)
+    gamma, weights = np.array(gamma, dtype=float), np.asarray(weights, dtype=float)
     formed = np.full(len(gamma), NEVER)
     active = np.arange(len(gamma))
     for step in range(longest + 1):
@@ -67,23 +74,42 @@ def run(gamma, weights, gain, target_angles, tolerance, h, longest, hold):
     return formed, gamma
 
 
-def fastest():
-    """Return :func:`compiled` if numba is installed, otherwise a maker of :func:`run`."""
+def fastest(gain: Gain, n: int) -> Run:
+    """
+    Return the fastest there is: what :func:`compiled` returns, or else :func:`run`.
+
+    That is :func:`run` if numba is not installed or cannot compile the gain's family, as one of
+    somebody's own may use more of Python than numba knows.
+
+    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
+    :param n: number of agents
+    """
     try:
-        import numba  # noqa: F401
+        import numba  # it is optional
     except ModuleNotFoundError:
-        return lambda _: run
-    return compiled
+        return run
+    try:
+        made = compiled(gain)
+        # It compiles here; no step is taken.
+        made(np.tile([1.0, 0.0, 0.0], (1, n, 1)), np.zeros((n, n)), gain,
+             np.zeros(n * (n - 1) // 2), 1e-3, 1.0, 0, 0)
+    except numba.core.errors.NumbaError:
+        return run
+    return made
 
 
-def compiled(gain):
+def compiled(gain: Gain) -> Run:
     """
     Return :func:`run`, compiled for a gain's family.
 
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :raises ModuleNotFoundError: if numba is not installed
+    :raises numba.core.errors.NumbaError: when it is called, if numba cannot compile the family
     """
-    def run_compiled(gamma, weights, gain, target_angles, tolerance, h, longest, hold):
+    def run_compiled(gamma: ArrayLike, weights: ArrayLike, gain: Gain,
+                     target_angles: ArrayLike, tolerance: float, h: float, longest: int,
+                     hold: int) -> tuple[NDArray[np.int64], Array]:
+        weights = np.array(weights, dtype=float)
         kernel = _kernel(type(gain), len(weights))
         # Comparing cosines saves the arc tangents. Ascending angles have descending cosines.
         targets = np.asarray(target_angles)
@@ -91,19 +117,27 @@ def compiled(gain):
         most = np.where(targets > tolerance, np.cos(targets - tolerance), 2.0)
         gamma = np.array(gamma, dtype=float)
         formed = np.full(len(gamma), NEVER)
-        kernel(gamma, np.array(weights), GainParameters(gain.a, gain.b), least[::-1].copy(),
+        kernel(gamma, weights, parameters_of(gain), least[::-1].copy(),
                most[::-1].copy(), h, longest, hold, formed)
         return formed, gamma
 
     return run_compiled
 
 
-@cache
-def _kernel(family, n):
-    # A constant n lets the compiler unroll the loops over agents.
-    from numba import njit
+def parameters_of(gain: Gain) -> Any:
+    """Return the fields of a gain as a named tuple, which numba takes in its place."""
+    return _tuple_type(type(gain))(*(getattr(gain, field.name) for field in fields(gain)))
 
-    from tetra_ros2.formation.gain import Gain
+
+@cache
+def _tuple_type(family: type[Gain]) -> Any:
+    return namedtuple(f'{family.__name__}Parameters', [field.name for field in fields(family)])
+
+
+@cache
+def _kernel(family: type[Gain], n: int) -> Any:
+    # A constant n lets the compiler unroll the loops over agents.
+    from numba import njit  # numba is optional
 
     if family.of_cosine is Gain.of_cosine:
         f = njit(family.f)

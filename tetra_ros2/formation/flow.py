@@ -11,7 +11,7 @@ how long its next step is. Its kernel holds no lock of the interpreter, so that 
 blocks.
 """
 
-from collections import deque, namedtuple
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 import math
@@ -27,9 +27,8 @@ from tetra_ros2.formation._dop853 import (
     steps,
     THIRD_ERROR,
 )
+from tetra_ros2.formation.batch import parameters_of
 from tetra_ros2.formation.gain import Gain
-
-GainParameters = namedtuple('GainParameters', ('a', 'b'))
 
 LANES = 8
 """Starts in a block: what the stages of so many take fits into the cache nearest to a core."""
@@ -117,7 +116,7 @@ def run(gamma, weights, gain, duration, tolerance, threads=1):
     weights = np.array(weights, dtype=float)
     m, n, _ = gamma.shape
     kernel = _kernel(type(gain), n)
-    arguments = weights, GainParameters(gain.a, gain.b), duration, tolerance
+    arguments = weights, parameters_of(gain), duration, tolerance
     end = np.empty((m, n, 3))
 
     def follow(first):

@@ -214,7 +214,8 @@ def family(kind: str) -> type[Gain]:
             f'{module_name} cannot be imported: {type(error).__name__}: {error}') from error
     found = getattr(module, class_name, None)
     if found is None:
-        raise UnknownGain(f'there is no {class_name} in {module.__file__ or module_name}')
+        place = getattr(module, '__file__', None) or 'built in'
+        raise UnknownGain(f'there is no {class_name} in {module_name} ({place})')
     if not (isinstance(found, type) and issubclass(found, Gain)):
         raise UnknownGain(f'{class_name} is not a subclass of tetra_ros2.formation.Gain')
     if found.__abstractmethods__:

@@ -937,7 +937,7 @@ def _forms(subject, graph, which, starts):
     topology, gain = getattr(subject, graph), subject.gains[which]
     gamma = sphere.random(subject.rng, (subject.times(starts), 4))
     # Compiling takes longer than the few starts of the quick check do without.
-    follow = batch.run if subject.effort <= 1.0 else batch.fastest()(gain)
+    follow = batch.run if subject.effort <= 1.0 else batch.fastest(gain, 4)
     h = 0.05
     formed, _ = follow(gamma, topology.weights, gain, shapes.TETRAHEDRON.angles, 0.02, h,
                        round((60.0 if which == 0 else 150.0) / h), 20)

@@ -198,7 +198,7 @@ def make_plan(arguments):
             parameters['rate'] = values['rate']
             parameters = {k: list(v) if isinstance(v, tuple) else v
                           for k, v in parameters.items()}
-            case = Case(f'{file.path.stem}_{kind}', parameters)
+            case = Case(f'{file.path.stem}_{kind.replace(":", ".")}', parameters)
             if any(case.name == other.name for other in cases):
                 raise ConfigurationError(f'{case.name} is there twice', key='--config')
             if known_shape(case.formation().topology) is None:
@@ -289,7 +289,7 @@ def run_chunk(plan, which, chunk):
     topology, gain = formation.topology, formation.gain
     gamma = rotation.rotate(plan.attitudes(chunk, topology.n), formation.pointing_axes)
     h = round(1e9 / case.parameters['rate']) / 1e9  # the plant counts nanoseconds
-    formed, gamma = batch.fastest()(gain)(
+    formed, gamma = batch.fastest(gain, topology.n)(
         gamma, topology.weights, gain, known_shape(topology).angles, plan.tolerance, h,
         math.ceil(plan.longest / h), math.ceil(plan.hold / h))
     times = np.where(formed == batch.NEVER, np.nan, formed * h)
