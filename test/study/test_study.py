@@ -14,17 +14,18 @@ import numpy as np
 import pytest
 
 from tetra_ros2.cli import main
+from tetra_ros2.commands.study import INTERRUPTED
 from tetra_ros2.launcher import Launcher
-from tetra_ros2.study import montecarlo as study
+from tetra_ros2.study import executors, montecarlo
 
 ARGUMENTS = ['--gain', 'cosine', '--gain', 'exponential', '--starts', '60']
-TOP = Path(study.__file__).parents[2]
+TOP = Path(montecarlo.__file__).parents[2]
 
 
 @pytest.fixture(autouse=True)
 def small_chunks(monkeypatch):
     """Cut the study into more chunks than workers."""
-    monkeypatch.setattr(study, 'CHUNK', 20)
+    monkeypatch.setattr(montecarlo, 'CHUNK', 20)
 
 
 class Inline:
@@ -43,9 +44,9 @@ def inline(monkeypatch):
     from contextlib import contextmanager
 
     @contextmanager
-    def executor(_arguments):
+    def make_executor(workers, scheduler):
         yield Inline(), 2
-    monkeypatch.setattr(study, '_executor', executor)
+    monkeypatch.setattr(executors, 'make_executor', make_executor)
 
 
 def files(directory):
@@ -116,7 +117,7 @@ def test_the_launcher_repeats_the_slowest_start(tmp_path, inline, capfd):
 
 
 def test_a_scheduler_that_does_not_answer_is_refused(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(study, 'ANSWER_TIMEOUT', 0.5)
+    monkeypatch.setattr(executors, 'ANSWER_TIMEOUT', 0.5)
     text = error_of(capsys, '--out', tmp_path / 'a', '--scheduler', 'tcp://127.0.0.1:9')
     assert 'does not answer' in text
     assert not (tmp_path / 'a').exists()
@@ -134,37 +135,50 @@ def test_a_local_cluster_gives_the_same_files(tmp_path):
     assert files(tmp_path / 'here') == files(tmp_path / 'there')
 
 
-def test_a_study_goes_on_where_it_was_stopped(tmp_path):
-    command = [sys.executable, '-m', 'tetra_ros2', 'study', '--starts', '30000', '--workers', '1',
-               '--quiet']
-    environment = {**os.environ, 'PYTHONPATH': str(TOP)}
+STOPPING = """
+import sys
+from tetra_ros2.cli import main
+from tetra_ros2.commands.study import INTERRUPTED
+from tetra_ros2.study import montecarlo
+
+compute = montecarlo.compute
+
+def compute_one_part(*arguments):
+    def advance():
+        print('kept', flush=True)
+        sys.stdin.read()  # here it stays until a signal comes
+    compute(*arguments[:-1], advance)
+
+montecarlo.CHUNK = 20
+montecarlo.compute = compute_one_part
+if __name__ == '__main__':
+    sys.exit(main())
+"""
+
+
+def test_a_study_goes_on_where_it_was_stopped(tmp_path, inline):
     whole, stopped = tmp_path / 'whole', tmp_path / 'stopped'
-    subprocess.run([*command, '--out', whole], check=True, env=environment,
-                   stdout=subprocess.DEVNULL)
 
     def parts():
         return len(list(stopped.glob('parts/*.npz')))
 
     def stop(how, *resume):
-        before = parts()
-        process = subprocess.Popen([*command, '--out', stopped, *resume], env=environment,
-                                   start_new_session=True, stderr=subprocess.DEVNULL)
-        for _ in range(3000):
-            if parts() > before:
-                break
-            with pytest.raises(subprocess.TimeoutExpired):
-                process.wait(0.02)
-        os.killpg(process.pid, how)
-        return process.wait(60.0)
+        with subprocess.Popen(
+                [sys.executable, '-c', STOPPING, 'study', '--starts', '60', '--workers', '1',
+                 '--quiet', '--out', stopped, *resume], start_new_session=True, text=True,
+                env={**os.environ, 'PYTHONPATH': str(TOP)}, stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+            assert process.stdout.readline() == 'kept\n'
+            os.killpg(process.pid, how)
+            return process.wait(60.0)
 
     assert stop(signal.SIGKILL) == -signal.SIGKILL
-    killed = parts()
-    assert 0 < killed < 6
-    assert stop(signal.SIGINT, '--resume') == study.INTERRUPTED
-    assert killed < parts() < 6
+    assert parts() == 1
+    assert stop(signal.SIGINT, '--resume') == INTERRUPTED
+    assert parts() == 2
     assert not (stopped / 'results.parquet').exists()
-    subprocess.run([*command, '--out', stopped, '--resume'], check=True, env=environment,
-                   stdout=subprocess.DEVNULL)
+    assert run(stopped, '--starts', '60', '--resume') == 0
+    assert run(whole, '--starts', '60') == 0
     assert files(stopped) == files(whole)
 
 
