@@ -40,13 +40,17 @@ extras['test'] = [
     'colcon-ros',
     'colcon-test-result',
     'hypothesis',
+    'ipykernel',
     'mcap',
     'mcap-ros2-support',
+    'mypy',
+    'nbclient',
     'playwright',
     'pytest',
     'pytest-timeout',
     'ruff',
     'setuptools',
+    'types-PyYAML',
 ]
 
 setup(
@@ -59,6 +63,7 @@ setup(
     maintainer_email='maintainers@tetra-ros2.example.org',
     license='Apache-2.0',
     packages=find_packages(include=[package_name, f'{package_name}.*']),
+    package_data={package_name: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (share, ['package.xml']),
