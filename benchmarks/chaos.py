@@ -260,7 +260,7 @@ def one(rig: Rig, kind: str, seed: int) -> Outcome:
     begun = time.monotonic()
     # Half of the faults come while the formation forms.
     if chance.random() < 0.5:
-        watcher.randomize()
+        watcher.restart(at_random=True)
         time.sleep(chance.uniform(0.0, 0.5))
     what = FAULTS[kind][1](rig, chance)
     over = time.monotonic()

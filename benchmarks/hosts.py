@@ -10,6 +10,7 @@ them back, or cut a host off. All chance in it comes from a seed. It needs root 
 ``/dev/net/tun``; :func:`unavailable` says in one line what is missing.
 """
 
+from collections.abc import Iterator
 import contextlib
 import ctypes
 import fcntl
@@ -23,6 +24,7 @@ import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
 from types import TracebackType
 
@@ -92,8 +94,8 @@ class Hosts:
 
     def close(self) -> None:
         """End all processes on the hosts, and remove the hosts."""
-        for _, process in self._running:
-            process.kill()
+        for name in self.names:
+            self._end_processes(name)
         for _, process in self._running:
             process.communicate()
         if self._switch is not None:
@@ -111,10 +113,22 @@ class Hosts:
         """Let this thread, and the threads and processes that it starts, be on a host."""
         _enter(f'/run/netns/{self.namespace(name)}')
 
+    @contextlib.contextmanager
+    def inside(self, name: str) -> Iterator[None]:
+        """Let what this thread starts meanwhile be on a host, and come back."""
+        here = f'/proc/{os.getpid()}/task/{threading.get_native_id()}/ns/net'
+        home = os.open(here, os.O_RDONLY)
+        try:
+            self.enter(name)
+            yield
+        finally:
+            _enter(f'/proc/self/fd/{home}')
+            os.close(home)
+
     def processes(self, name: str) -> list[int]:
         """Return the numbers of all processes on a host."""
         done = subprocess.run(['ip', 'netns', 'pids', self.namespace(name)], capture_output=True,
-                              text=True, check=True)
+                              text=True, check=False)
         return [int(word) for word in done.stdout.split()]
 
     def address(self, name: str) -> str:
@@ -133,12 +147,15 @@ class Hosts:
 
     def reboot(self, name: str) -> None:
         """End all processes of a host at once, as a power cut does, and clear its addresses."""
-        for number in self.processes(name):
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(number, signal.SIGKILL)
+        self._end_processes(name)
         _ip('-n', self.namespace(name), 'link', 'set', INTERFACE, 'down')
         _ip('-n', self.namespace(name), 'link', 'set', INTERFACE, 'up')
         _ip('-n', self.namespace(name), 'route', 'replace', '239.0.0.0/8', 'dev', INTERFACE)
+
+    def _end_processes(self, name: str) -> None:
+        for number in self.processes(name):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
 
     def network(self, *, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0) -> None:
         """

@@ -81,6 +81,7 @@ class Watcher:
                             lambda m: (0, struct.unpack(f'<{pairs}d', m[-8 * pairs:])))
         self._listen(DiagnosticArray, '/diagnostics', self._on_diagnostics)
         self._random = self.node.create_client(Trigger, 'plant/randomize')
+        self._reset = self.node.create_client(Trigger, names.RESET)
         self._stopping = False
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
@@ -152,10 +153,13 @@ class Watcher:
         self._said = set(self._saying.values())
         self.worst = self.error
 
-    def randomize(self) -> None:
-        """Let the plant start anew at random, if it is there to be asked."""
-        if self._random.service_is_ready():
-            self._random.call_async(Trigger.Request())
+    def restart(self, at_random: bool = False) -> bool:
+        """Let the plant start anew; return whether it was there to be asked."""
+        client = self._random if at_random else self._reset
+        ready = client.service_is_ready()
+        if ready:
+            client.call_async(Trigger.Request())
+        return ready
 
     @property
     def fresh(self) -> bool:

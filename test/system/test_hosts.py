@@ -1,0 +1,135 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A formation with every node on a host of its own, and a network that fails."""
+
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, ExitStack
+from multiprocessing import get_context
+import os
+import sys
+
+import pytest
+
+from benchmarks.hosts import Hosts, unavailable
+from tetra_ros2.config import configuration
+
+pytestmark = pytest.mark.skipif(unavailable() is not None, reason=str(unavailable()))
+
+NODES = ('plant', 'agent_1', 'agent_2', 'agent_3', 'agent_4')
+WATCHER = 'watcher'
+TOLERANCE = 5e-3
+PORT = 11811
+
+
+@contextmanager
+def environment(**variables):
+    """Let the environment of this process be another one meanwhile."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update({name: value for name, value in variables.items() if value})
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+class Network:
+    """Five nodes on five hosts, and somebody who looks on from a sixth."""
+
+    def __init__(self, hosts, watcher, start):
+        self.hosts, self.watcher, self.start = hosts, watcher, start
+
+    def forms(self, timeout=30.0, hold=0.5, tolerance=TOLERANCE):
+        return self.watcher.wait(
+            lambda: self.watcher.fresh and self.watcher.error < tolerance, timeout, hold)
+
+    def steps_per_second(self, rate, seconds):
+        """Return how many steps a second a plant in lockstep made meanwhile."""
+        before = self.watcher.stamp
+        self.watcher.wait(lambda: False, seconds)
+        return (self.watcher.stamp - before) / 1e9 * rate / seconds
+
+
+@contextmanager
+def network(graph='complete', mode='realtime', discovery='multicast', **parameters):
+    from benchmarks.watcher import Watcher
+    formation = configuration.load(graph).formation()
+    with ExitStack() as stack:
+        hosts = stack.enter_context(Hosts([*NODES, WATCHER], seed=1))
+        variables = {
+            'multicast': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
+            'static peers': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                             'ROS_STATIC_PEERS': ';'.join(map(hosts.address, hosts.names))},
+            'discovery server': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+                                 'ROS_DISCOVERY_SERVER': f'{hosts.address("plant")}:{PORT}'},
+        }[discovery]
+        if discovery == 'discovery server':
+            hosts.start('plant', os.path.join(os.path.dirname(sys.executable), 'fastdds'),
+                        'discovery', '--server-id', '0', '--udp-address', hosts.address('plant'),
+                        '--udp-port', PORT)
+
+        def start(name):
+            command = ['agent', '--id', name[-1]] if name.startswith('agent') else [name]
+            given = {'gain.a': 4.0}
+            if name == 'plant':
+                given |= {'mode': mode, 'rate': 100.0, **parameters}
+            words = [word for key, value in given.items() for word in ('-p', f'{key}:={value}')]
+            return hosts.start(name, sys.executable, '-m', 'tetra_ros2', *command, '--config',
+                               graph, '--ros-args', *words, env=variables)
+
+        for name in NODES:
+            start(name)
+        with hosts.inside(WATCHER), environment(**variables):
+            watcher = Watcher([(i, j) for i, j, _ in formation.topology.edges])
+        stack.callback(watcher.close)
+        yield Network(hosts, watcher, start)
+
+
+def _forms(discovery):
+    with network(discovery=discovery) as net:
+        return net.forms(60.0)
+
+
+@pytest.mark.parametrize('discovery', ['multicast', 'static peers', 'discovery server'])
+def test_a_formation_over_five_hosts_forms(discovery):
+    # A process that has once used a discovery server never finds anybody without it again.
+    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as process:
+        assert process.submit(_forms, discovery).result()
+
+
+def test_it_forms_through_loss_delay_and_jitter_and_survives_partition_and_reboot():
+    with network('rotating') as net:
+        assert net.forms(60.0)
+        net.watcher.begin()
+        assert net.watcher.wait(net.watcher.restart, 20.0), 'the plant is there'
+        net.hosts.network(loss=0.3, delay=0.01, jitter=0.01)
+        assert net.watcher.wait(lambda: net.watcher.worst > 0.2, 20.0), 'it starts anew'
+        assert net.forms(60.0, tolerance=0.2), 'what spins is off by how far it turns meanwhile'
+        net.hosts.network()
+        assert net.forms()
+
+        net.watcher.begin()
+        net.hosts.cut('agent_2')
+        assert net.watcher.wait(lambda: net.watcher.worst > TOLERANCE, 20.0), \
+            'who is cut off is held, and the rest of a spinning formation with it'
+        assert net.watcher.wait(lambda: bool(net.watcher.reports), 5.0)
+        net.hosts.cut()
+        assert net.forms()
+
+        net.hosts.reboot('agent_3')
+        net.start('agent_3')
+        assert net.forms()
+
+
+def test_a_plant_that_is_rebooted_is_believed_again():
+    with network() as net:
+        assert net.forms()
+        net.watcher.begin()
+        net.hosts.reboot('plant')
+        net.start('plant')
+        assert net.watcher.wait(lambda: net.watcher.worst > TOLERANCE, 20.0), 'a new start'
+        assert net.forms()
