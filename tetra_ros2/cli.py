@@ -10,12 +10,16 @@ imported.
 
 import argparse
 from importlib import import_module
+import os
 import sys
 
 from tetra_ros2.commands import COMMANDS
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as a shell has it."""
+
+CLOSED = 141
+"""Exit status if nobody reads the output any more, as a shell has it."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -77,6 +81,10 @@ def main(argv=None):
         return _run(arguments)
     except KeyboardInterrupt:
         return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read it, `head` for one, has read enough. Python would try again at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return CLOSED
     except ModuleNotFoundError as error:
         if hint := _INSTALL.get((error.name or '').partition('.')[0]):
             print(f'tetra: error: {error.name} is not installed: {hint}', file=sys.stderr)
@@ -98,7 +106,9 @@ def _run(arguments):
     # Loads numpy, for which `tetra --help` need not wait.
     from tetra_ros2.config.parameters import ConfigurationError
     try:
-        return _module(arguments.command).run(arguments)
+        status = _module(arguments.command).run(arguments)
+        sys.stdout.flush()
+        return status
     except ConfigurationError as error:
         print(f'tetra: error: {error}', file=sys.stderr)
         return 2

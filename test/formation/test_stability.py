@@ -19,7 +19,8 @@ from tetra_ros2.formation import (
     topology,
 )
 from tetra_ros2.formation.gain import Cosine, Exponential, Gaussian, Linear, Rational
-from tetra_ros2.paper.claims import differentiated_law, proof_point
+from tetra_ros2.paper.differences import differentiated_law
+from tetra_ros2.paper.formations import proof_point
 
 GAINS = (Cosine(), Exponential(), Gaussian(1.5, 0.8), Linear(2.0, 0.9), Rational(0.7, 1.3))
 COMPLETE, ROTATING = topology.complete(4).weights, topology.rotating().weights

@@ -10,11 +10,11 @@ import pytest
 
 from tetra_ros2.formation import law, measures, rotation, shapes
 from tetra_ros2.launcher import Launcher
-from tetra_ros2.paper.runs import decay_rate, Run
+from tetra_ros2.paper.runs import NodeRun, slowest_rate
 from tetra_ros2.recording import reader as recording
 
 
-def slowest_rate(topology, gain):
+def predicted_rate(topology, gain):
     """Return the slowest decay of the cosines at the ideal tetrahedron, by differences [1/s]."""
     start, size = shapes.TETRAHEDRON.points, 1e-5
     slopes = []
@@ -47,9 +47,9 @@ def test_a_recorded_run_converges_at_the_slowest_transverse_rate(
     bag = recording.load(tmp_path / 'bag')
     times = (bag.stamps - bag.stamps[0]) / 1e9
     assert np.ptp(np.diff(bag.stamps)) == 0, 'no gap'
-    measured = decay_rate(
-        Run(times, bag.gamma, 1.0 / rate), formation.topology, formation.gain)
-    predicted = slowest_rate(formation.topology, formation.gain)
+    measured = slowest_rate(
+        NodeRun(times, bag.gamma, 1.0 / rate), formation.topology, formation.gain)
+    predicted = predicted_rate(formation.topology, formation.gain)
     print(config, gain, measured, predicted)
     assert math.isfinite(measured)
     assert measured == pytest.approx(predicted, rel=0.01)

@@ -4,20 +4,37 @@
 """The checks of the paper's claims hold, and each of them can fail."""
 
 import json
+import math
+import os
 from pathlib import Path
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from tetra_ros2.cli import main
-from tetra_ros2.formation import coordinates, gain, rotation, shapes, sphere, topology
-from tetra_ros2.paper import claims, verify
-from tetra_ros2.paper.claims import CLAIMS, Subject
-from tetra_ros2.paper.errata import MISPRINTS
-from tetra_ros2.paper.runs import Run
+from tetra_ros2.formation import (
+    controller,
+    coordinates,
+    gain,
+    law,
+    rotation,
+    shapes,
+    sphere,
+    stability,
+    topology,
+)
+from tetra_ros2.paper import errata, registry, verify
+from tetra_ros2.paper.claims import preliminaries
+from tetra_ros2.paper.errata import ERRATA, erratum
+from tetra_ros2.paper.registry import CLAIMS as ALL
+from tetra_ros2.paper.runs import NodeRun
+from tetra_ros2.paper.system import SystemUnderTest
 from tetra_ros2.study import confidence
 
-MISPRINTS_DOCUMENT = Path(__file__).parents[2] / 'docs' / 'misprints.md'
+ERRATA_PAGE = Path(__file__).parents[2] / 'docs' / 'errata.md'
+CLAIMS = {key: claim for key, claim in ALL.items() if key not in ERRATA}
 
 
 class Rising(gain.Gain):
@@ -43,12 +60,12 @@ def changed(graph, i, j, weight):
 FEW = 0.05
 """Starts that do not form take as long as can be: some of them are enough to see it."""
 
-WRONG_SIGN = Subject(complete=topology.Topology('custom', -topology.complete().weights),
+WRONG_SIGN = SystemUnderTest(complete=topology.Topology('custom', -topology.complete().weights),
                      rotating=topology.Topology('custom', -topology.rotating().weights),
                      effort=FEW)
-WRONG_WEIGHT = Subject(complete=changed(topology.complete(), 1, 2, 0.4),
+WRONG_WEIGHT = SystemUnderTest(complete=changed(topology.complete(), 1, 2, 0.4),
                        rotating=changed(topology.rotating(), 2, 3, 0.6), effort=FEW)
-WRONG_GAIN = Subject(gains=(Rising(), Rising(0.5)), effort=FEW)
+WRONG_GAIN = SystemUnderTest(gains=(Rising(), Rising(0.5)), effort=FEW)
 
 BY_WRONG_SIGN = [
     'closed-loop', 'angles', 'lyapunov', 'omega-attracts', 'proof-spectrum',
@@ -67,17 +84,17 @@ BY_WRONG_GAIN = [
     'almost-global', 'almost-global-f2', 'rotating-forms', 'coplanar-form', 'cross']
 
 
-def broken(subject):
-    """Return a subject whose runs of the nodes are of a formation that does not form."""
+def broken(system):
+    """Return a system whose runs of the nodes are of a formation that does not form."""
     rng = np.random.default_rng(0)
     times = np.arange(2000) * 0.01
     wandering = sphere.normalize(np.cumsum(0.01 * rng.standard_normal((2000, 4, 3)), axis=0)
                                  + sphere.random(rng, (4,)))
     for graph in ('complete', 'rotating'):
-        for chosen in subject.gains:
+        for chosen in system.gains:
             for seed in range(8):
-                subject._runs[graph, chosen, seed] = Run(times, wandering, 0.01)
-    return subject
+                system._runs[graph, chosen, seed] = NodeRun(times, wandering, 0.01)
+    return system
 
 
 def scaled_points(rng, shape=()):
@@ -96,40 +113,40 @@ SABOTAGE = {
     'simultaneous': (np.linalg, 'eig', lambda a, true=np.linalg.eig: (
         true(a)[0], true(a)[1] + 0.01 * np.eye(len(a)))),
     'exchange-commutes': (np, 'fliplr', lambda a: np.roll(a, 1, axis=1)),
-    'lambda-even': (claims, '_lambda_matrix', lambda n: np.ones((n, n)) - np.eye(n)),
-    'lambda-odd': (claims, '_lambda_matrix', lambda n: np.ones((n, n)) - np.eye(n)),
+    'lambda-even': (preliminaries, 'lambda_matrix', lambda n: np.ones((n, n)) - np.eye(n)),
+    'lambda-odd': (preliminaries, 'lambda_matrix', lambda n: np.ones((n, n)) - np.eye(n)),
     'theta-star': (coordinates, 'cosine_matrix', lambda c, true=coordinates.cosine_matrix: true(
         np.asarray(c)[..., :3])),
     'double-hat': (sphere, 'random', scaled_points),
-    'intrinsic': (claims.controller.Controller, 'receive', lambda *_: (0.0, 0.0, 0.0)),
-    'rotational-invariance': (claims.law, 'velocity', lambda gamma, weights, gain,
-                              true=claims.law.velocity: true(gamma, weights, gain)
+    'intrinsic': (controller.Controller, 'receive', lambda *_: (0.0, 0.0, 0.0)),
+    'rotational-invariance': (law, 'velocity', lambda gamma, weights, gain,
+                              true=law.velocity: true(gamma, weights, gain)
                               + np.array([0.0, 0.0, 0.1])),
     'xi-round-trip': (coordinates, 'inverse', lambda xi, chirality: sphere.random(
         np.random.default_rng(0), (len(xi), 4))),
     'normalising': (coordinates, 'tilt', lambda phi, true=coordinates.tilt: true(-phi)),
     'local-diffeomorphism': (coordinates, 'absolute', lambda gamma: 0.0 * gamma[..., 0, :]),
     'gram-identity': (coordinates, 'gram_identity', lambda c: np.sum(np.square(c), axis=-1)),
-    'eight-degrees': (claims.stability, 'rotations', lambda gamma, bases: np.zeros((8, 3))),
+    'eight-degrees': (stability, 'rotations', lambda gamma, bases: np.zeros((8, 3))),
     'inequality': (np, 'cos', off_cosine),
     'kkt-points': (np, 'cos', off_cosine),
     'polynomial-system': (coordinates, 'cosine_matrix', lambda c, true=coordinates.cosine_matrix:
                           true(0.5 * np.asarray(c))),
-    'disjoint-equilibria': (claims.stability, 'find_equilibria', lambda *_: ([], 300)),
-    'coplanar-unstable': (claims.stability, 'find_equilibria', lambda *_: ([], 300)),
-    'decomposition': (claims.stability, 'find_equilibria', lambda *_: ([], 300)),
+    'disjoint-equilibria': (stability, 'find_equilibria', lambda *_: ([], 300)),
+    'coplanar-unstable': (stability, 'find_equilibria', lambda *_: ([], 300)),
+    'decomposition': (stability, 'find_equilibria', lambda *_: ([], 300)),
 }
 
 
-def failures(keys, subject):
+def failures(keys, system):
     chosen = [CLAIMS[key] for key in keys]
-    return [entry.key for entry, finding, _ in verify.check(chosen, subject)
-            if not finding.passed]
+    return [entry.key for entry, result, _ in verify.check(chosen, system)
+            if not result.passed]
 
 
 def test_every_mathematical_claim_holds():
-    rows = verify.check(verify.select(without_nodes=True), Subject())
-    assert [entry.key for entry, finding, _ in rows if not finding.passed] == []
+    rows = verify.check(verify.select(without_nodes=True), SystemUnderTest())
+    assert [entry.key for entry, result, _ in rows if not result.passed] == []
     assert len(rows) > 60
 
 
@@ -142,20 +159,20 @@ def test_every_claim_about_the_nodes_holds(capfd):
     assert all(row['passed'] for row in rows)
 
 
-@pytest.mark.parametrize('subject, keys', [
+@pytest.mark.parametrize('system, keys', [
     (WRONG_SIGN, BY_WRONG_SIGN),
     (WRONG_WEIGHT, BY_WRONG_WEIGHT),
     (WRONG_GAIN, BY_WRONG_GAIN)], ids=['wrong sign', 'wrong weight', 'wrong gain'])
-def test_a_wrong_law_fails_the_rows_that_it_should(subject, keys):
-    assert failures(keys, subject) == keys
+def test_a_wrong_law_fails_the_rows_that_it_should(system, keys):
+    assert failures(keys, system) == keys
 
 
-@pytest.mark.parametrize('subject', [WRONG_SIGN, WRONG_WEIGHT, WRONG_GAIN],
+@pytest.mark.parametrize('system', [WRONG_SIGN, WRONG_WEIGHT, WRONG_GAIN],
                          ids=['wrong sign', 'wrong weight', 'wrong gain'])
-def test_a_wrong_law_leaves_the_geometry_alone(subject):
+def test_a_wrong_law_leaves_the_geometry_alone(system):
     keys = ['geodesic', 'cosine-formula', 'lambda-even', 'gram-identity', 'xi-round-trip',
             'rotational-invariance', 'normalising', 'inequality']
-    assert failures(keys, subject) == []
+    assert failures(keys, system) == []
 
 
 def test_a_wrong_sign_leaves_the_equilibria_where_they_are():
@@ -167,18 +184,18 @@ def test_a_wrong_sign_leaves_the_equilibria_where_they_are():
 def test_a_check_without_the_law_can_fail_too(key, monkeypatch):
     place, name, replacement = SABOTAGE[key]
     monkeypatch.setattr(place, name, replacement)
-    finding = CLAIMS[key].check(Subject())
+    result = CLAIMS[key].check(SystemUnderTest())
     monkeypatch.undo()
-    assert not finding.passed
+    assert not result.passed
 
 
 def test_checks_of_the_nodes_fail_for_a_run_that_does_not_form():
     nodes = [key for key, entry in CLAIMS.items() if entry.nodes]
-    assert failures(nodes, broken(Subject())) == nodes
+    assert failures(nodes, broken(SystemUnderTest())) == nodes
 
 
 def test_nodes_with_the_wrong_law_fail_in_real_runs():
-    repelled = Subject(complete=WRONG_SIGN.complete, gains=(gain.Cosine(),) * 2)
+    repelled = SystemUnderTest(complete=WRONG_SIGN.complete, gains=(gain.Cosine(),) * 2)
     keys = ['rate-complete-f1', 'figure-stationary']
     assert failures(keys, repelled) == keys
 
@@ -189,22 +206,28 @@ def test_every_claim_was_seen_to_fail():
     assert set(CLAIMS) - seen == set()
 
 
-@pytest.mark.parametrize('key', MISPRINTS)
+@pytest.mark.parametrize('key', ERRATA)
 def test_a_printed_form_fails_where_the_corrected_one_holds(key):
-    finding = MISPRINTS[key].as_claim().check(Subject())
-    assert finding.passed, finding
+    result = ERRATA[key].check(SystemUnderTest())
+    assert result.passed, result
 
 
-def test_a_misprint_that_is_none_is_found_out():
-    entry = MISPRINTS['misprint-period']
-    harmless = type(entry)(entry.key, entry.label, '', '', lambda subject: (0.0, 0.0))
-    assert not harmless.as_claim().check(Subject()).passed
+@pytest.mark.parametrize(('printed', 'corrected', 'passes'), [
+    (1.0, 0.0, True), (0.0, 0.0, False), (2e-5, 0.0, False), (1.0, 2e-6, False),
+    (math.nan, 0.0, False), (1.0, math.nan, False)])
+def test_an_erratum_needs_a_wrong_form_and_a_right_one(printed, corrected, passes, monkeypatch):
+    monkeypatch.setattr(registry, 'CLAIMS', {})
+    monkeypatch.setattr(errata, 'CLAIMS', registry.CLAIMS)
+    monkeypatch.setattr(errata, 'ERRATA', {})
+    erratum('x', '', '', '')(lambda system: (printed, corrected))
+    assert errata.ERRATA['x'].check(SystemUnderTest()).passed is passes
 
 
-def test_every_misprint_is_in_the_document():
-    document = MISPRINTS_DOCUMENT.read_text(encoding='utf-8')
-    for key, entry in MISPRINTS.items():
-        assert f'`{key}` | {entry.label} | {entry.printed} | {entry.corrected} |' in document
+def test_every_erratum_is_in_the_document():
+    page = ERRATA_PAGE.read_text(encoding='utf-8')
+    for key, entry in ERRATA.items():
+        printed = entry.how.removeprefix('printed: ')
+        assert f'`{key}` | {entry.label} | {printed} | {entry.says} |' in page
 
 
 def test_a_claim_that_does_not_exist_is_refused(capsys):
@@ -215,7 +238,7 @@ def test_a_claim_that_does_not_exist_is_refused(capsys):
 
 
 def test_a_failing_row_makes_exit_status_1(monkeypatch, capsys):
-    monkeypatch.setattr(claims, '_lambda_matrix', lambda n: np.zeros((n, n)))
+    monkeypatch.setattr(preliminaries, 'lambda_matrix', lambda n: np.zeros((n, n)))
     assert main(['verify', 'lambda-even']) == 1
     assert 'FAILS' in capsys.readouterr().out
 
@@ -235,3 +258,31 @@ def test_the_bound_for_all_is_the_root_of_the_doubt():
 
 def test_theta_star_is_the_tetrahedrons():
     assert np.cos(shapes.THETA_STAR) == pytest.approx(-1.0 / 3.0)
+
+
+@pytest.mark.parametrize('arguments', [['--list'], ['geodesic', '--json'], ['geodesic']])
+def test_whoever_stops_reading_gets_no_traceback(arguments):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, 'w') as nobody:
+        ended = subprocess.run([sys.executable, '-m', 'tetra_ros2', 'verify', *arguments],
+                               stdout=nobody, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert ended.stderr == ''
+    assert ended.returncode != 0
+
+
+def test_a_pipe_gets_paragraphs_of_eighty_columns(capsys):
+    assert main(['verify', 'geodesic', 'erratum-period']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == 'holds geodesic  (Section 2.1)'
+    assert max(map(len, lines)) <= 80
+    assert lines[-1].startswith('2 of 2 claims hold')
+
+
+def test_a_wide_terminal_gets_a_table(monkeypatch, capsys):
+    monkeypatch.setenv('FORCE_COLOR', '1')
+    monkeypatch.setenv('COLUMNS', '160')
+    assert main(['verify', 'geodesic']) == 0
+    out = capsys.readouterr().out
+    assert 'verdict' in out
+    assert '┃' in out

@@ -1,11 +1,21 @@
 # Copyright 2026 The tetra_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``tetra figures``: the paper's two simulation figures, from runs of the real nodes."""
+"""The paper's two simulation figures, from runs of the real nodes."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-SEED = 7
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+import numpy as np
+
+from tetra_ros2.formation import flow, measures, sampling, shapes, stability
+from tetra_ros2.paper.runs import NodeRun, run_nodes, slowest_rate
+from tetra_ros2.paper.system import SystemUnderTest
 
 DURATIONS = {('complete', 0): 8.0, ('complete', 1): 40.0,
              ('rotating', 0): 24.0, ('rotating', 1): 110.0}
@@ -27,135 +37,75 @@ PREDICTION = {'color': '0.83', 'linewidth': 3.4, 'solid_capstyle': 'round',
               'zorder': 1.9}
 
 
-def add_arguments(parser):
-    """Add the arguments of ``tetra figures``."""
-    parser.add_argument('--out', required=True, metavar='DIR', help='directory to write into')
-    parser.add_argument(
-        '--seed', type=int, default=SEED, metavar='N',
-        help='of the initial attitudes (default: %(default)s)')
-    parser.add_argument(
-        '--rate', type=float, default=100.0, metavar='HZ',
-        help='of the loop [Hz] (default: %(default)s)')
-
-
-def run(arguments):
-    """
-    Run the nodes, draw both figures, and say what was measured.
-
-    :returns: 0
-    :raises ConfigurationError: if it was called wrongly; nothing was written then
-    """
-    import matplotlib
-
-    from tetra_ros2.config.parameters import ConfigurationError
-    from tetra_ros2.paper.claims import Subject
-    if arguments.seed < 0:
-        raise ConfigurationError(
-            f'{arguments.seed} is not valid, expected an integer from 0 up', key='--seed')
-    if not 1.0 <= arguments.rate <= 1e4:
-        raise ConfigurationError(
-            f'{arguments.rate!r} is not valid, expected a number from 1 to 10000', key='--rate')
-    directory = Path(arguments.out)
-    _require_writable(directory)
-    subject = Subject()
-    measured = {key: _measure(subject, *key, arguments) for key in DURATIONS}
-    with matplotlib.rc_context({
-            'font.size': 8, 'axes.titlesize': 8, 'axes.linewidth': 0.6, 'lines.linewidth': 1.1,
-            'legend.fontsize': 7, 'legend.handlelength': 2.6, 'font.family': 'DejaVu Serif',
-            'mathtext.fontset': 'dejavuserif', 'pdf.fonttype': 42, 'svg.hashsalt': 'tetra'}):
-        for graph, draw in (('complete', _stationary), ('rotating', _rotating)):
-            name = {'complete': 'stationary', 'rotating': 'rotating'}[graph]
-            _save(draw([measured[graph, which] for which in (0, 1)]), directory, name)
-    for (graph, which), result in measured.items():
-        print(f'{graph:<9} f{which + 1}  {result.text}')
-    return 0
-
-
-def _require_writable(directory):
-    """
-    Make the directory.
-
-    :raises ConfigurationError: if that, or a file in it, cannot be made
-    """
-    import tempfile
-
-    from tetra_ros2.config.parameters import ConfigurationError
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=directory):
-            pass
-    except OSError as error:
-        raise ConfigurationError(
-            f'{directory} cannot be written: {error.strerror}', key='--out') from None
-
-
-class _Measured:
+class Measured:
     """
     A run of the nodes, and the same motion by theory.
 
     Theory is the continuous closed loop from the same start, and its linearisation: the nodes
     sample it.
+
+    :param graph: ``complete`` or ``rotating``
+    :param which: of the paper's two gains, 0 or 1
+    :param run: of the nodes, under these
     """
 
-    def __init__(self, subject, graph, which, run):
-        import numpy as np
-
-        from tetra_ros2.formation import measures, sampling, shapes, stability
-        from tetra_ros2.paper.runs import decay_rate
+    def __init__(self, system: SystemUnderTest, graph: str, which: int, run: NodeRun):
+        topology, gain = getattr(system, graph), system.gains[which]
         self.graph, self.which, self.run = graph, which, run
-        self.topology, self.gain = getattr(subject, graph), subject.gains[which]
         self.cosines = measures.pairwise_cosines(run.gamma)
-        self.theory = _continuous(run, self.topology, self.gain)
+        self.theory = flow.reduced_attitudes(run.gamma[0], topology.weights, gain, run.times)
         spectrum = stability.transverse(
-            shapes.TETRAHEDRON.points, self.topology.weights, self.gain).eigenvalues
+            shapes.TETRAHEDRON.points, topology.weights, gain).eigenvalues
         self.predicted_rate = float(-np.max(spectrum.real))
-        there = sampling.sampled_equilibrium(
-            run.gamma[-1], self.topology.weights, self.gain, run.h)
+        there = sampling.sampled_equilibrium(run.gamma[-1], topology.weights, gain, run.h)
         self.sampled_rate = float(-np.log(abs(there.floquet_multipliers()[0])) / run.h)
-        self.measured_rate = decay_rate(run, self.topology, self.gain)
-        spin = measures.mean_angular_velocity(run.gamma[-51], run.gamma[-1], 50 * run.h)
-        self.measured_spin = float(spin @ run.gamma[-1, 0])
+        self.measured_rate = slowest_rate(run, topology, gain)
+        self.measured_spin = float(run.angular_velocity(50) @ run.gamma[-1, 0])
         self.predicted_spin = float(shapes.predicted_angular_velocity(
-            run.gamma[-1], self.topology, self.gain) @ run.gamma[-1, 0])
-        self.text = (f'slowest rate {self.measured_rate:.4f} 1/s measured, '
-                     f'{self.predicted_rate:.4f} 1/s predicted, {self.sampled_rate:.4f} 1/s '
-                     'with sampling')
-        if graph == 'rotating':
-            self.text += (f'; spin {self.measured_spin:+.6f} rad/s measured, '
-                          f'{self.predicted_spin:+.6f} rad/s predicted; one turn in '
-                          f'{2 * np.pi / abs(self.measured_spin):.3f} s')
+            run.gamma[-1], topology, gain) @ run.gamma[-1, 0])
+
+    def __str__(self) -> str:
+        text = (f'{self.graph:<9} f{self.which + 1}  slowest rate {self.measured_rate:.4f} 1/s '
+                f'measured, {self.predicted_rate:.4f} 1/s predicted, {self.sampled_rate:.4f} 1/s '
+                'with sampling')
+        if self.graph == 'rotating':
+            text += (f'; spin {self.measured_spin:+.6f} rad/s measured, '
+                     f'{self.predicted_spin:+.6f} rad/s predicted; one turn in '
+                     f'{2 * np.pi / abs(self.measured_spin):.3f} s')
+        return text
 
 
-def _measure(subject, graph, which, arguments):
-    from tetra_ros2.paper.runs import run_nodes
-    run = run_nodes(getattr(subject, graph), subject.gains[which], DURATIONS[graph, which],
-                    rate=arguments.rate, seed=arguments.seed)
-    return _Measured(subject, graph, which, run)
+def measure(rate: float, seed: int) -> list[Measured]:
+    """
+    Run the nodes for both figures, and compute what theory says of each run.
+
+    :param rate: of the loop [Hz]
+    :param seed: of the initial attitudes
+    """
+    system = SystemUnderTest()
+    return [Measured(system, graph, which, run_nodes(
+        getattr(system, graph), system.gains[which], duration, rate=rate, seed=seed))
+        for (graph, which), duration in DURATIONS.items()]
 
 
-def _continuous(run, topology, gain, substeps=2):
-    """Return the closed loop's own solution at the times of a run, ``(k, n, 3)``."""
-    import numpy as np
+def draw(measured: Sequence[Measured], directory: Path) -> None:
+    """
+    Write both figures as PDF, SVG and PNG.
 
-    from tetra_ros2.formation import law, sphere
-    h = run.h / substeps
-
-    def rate(gamma):
-        return law.velocity(gamma, topology.weights, gain)
-
-    gamma, kept = run.gamma[0], [run.gamma[0]]
-    for _ in range(len(run.times) - 1):
-        for _ in range(substeps):
-            # The midpoint rule: its error, of h^2, is far below what sampling makes.
-            middle = sphere.normalize(gamma + 0.5 * h * rate(gamma))
-            gamma = sphere.normalize(gamma + h * rate(middle))
-        kept.append(gamma)
-    return np.stack(kept)
+    :param measured: of :func:`measure`
+    :param directory: that exists
+    """
+    with matplotlib.rc_context({
+            'font.size': 8, 'axes.titlesize': 8, 'axes.linewidth': 0.6, 'lines.linewidth': 1.1,
+            'legend.fontsize': 7, 'legend.handlelength': 2.6, 'font.family': 'DejaVu Serif',
+            'mathtext.fontset': 'dejavuserif', 'pdf.fonttype': 42, 'svg.hashsalt': 'tetra'}):
+        for graph, name, figure in (('complete', 'stationary', _stationary),
+                                    ('rotating', 'rotating', _rotating)):
+            _save(figure([m for m in measured if m.graph == graph]), directory, name)
 
 
-def _project(points):
+def _project(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where points of the sphere are seen, and how far in front they are."""
-    import numpy as np
     longitude, latitude = np.radians(VIEW)
     right = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
     up = np.array([-np.sin(latitude) * np.cos(longitude),
@@ -163,9 +113,8 @@ def _project(points):
     return points @ right, points @ up, points @ np.cross(right, up)
 
 
-def _curve(axes, points, **style):
+def _curve(axes: Axes, points: np.ndarray, **style: Any) -> None:
     """Draw a curve on the sphere: full in front, faint behind."""
-    import numpy as np
     x, y, depth = _project(points)
     front = depth >= 0.0
     # Each part keeps one point of the other, so that no gap shows at the rim.
@@ -175,9 +124,8 @@ def _curve(axes, points, **style):
                   **{**style, 'alpha': style.get('alpha', 1.0) * factor})
 
 
-def _sphere(axes, result, letter):
+def _sphere(axes: Axes, result: Measured, letter: str) -> None:
     """Draw the trajectories on the sphere, start and end marked."""
-    import numpy as np
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     axes.plot(np.cos(angle), np.sin(angle), color='0.4', linewidth=0.7)
     for latitude in np.radians((-60, -30, 0, 30, 60)):
@@ -201,12 +149,11 @@ def _sphere(axes, result, letter):
     _title(axes, f'({letter}) trajectories with {NAMES[result.which]}')
 
 
-def _title(axes, text):
+def _title(axes: Axes, text: str) -> None:
     axes.set_title(text, loc='left')
 
 
-def _agents_legend(figure):
-    from matplotlib.lines import Line2D
+def _agents_legend(figure: Figure) -> None:
     handles = [Line2D([], [], color=color, linestyle=line, marker=marker, markersize=4,
                       label=rf'$\Gamma_{i}$')
                for i, (color, line, marker) in enumerate(AGENTS, 1)]
@@ -218,22 +165,20 @@ def _agents_legend(figure):
     figure.legend(handles=handles, loc='outside upper center', ncols=7, frameon=False)
 
 
-def _figure():
-    from matplotlib.figure import Figure
+def _figure() -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=(7.1, 7.6), layout='constrained')
     figure.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
     return figure, figure.subplots(3, 2, gridspec_kw={'height_ratios': (1.35, 1.0, 1.0)})
 
 
-def _time_axis(axes, result):
+def _time_axis(axes: Axes, result: Measured) -> None:
     axes.set_xlabel('time [s]')
     axes.set_xlim(0.0, result.run.times[-1])
     axes.tick_params(width=0.6)
 
 
-def _stationary(results):
+def _stationary(results: Sequence[Measured]) -> Figure:
     """Return the paper's Fig:Sim:SF, with the convergence below it."""
-    from tetra_ros2.formation import measures
     figure, grid = _figure()
     for column, result in enumerate(results):
         _sphere(grid[0, column], result, 'ab'[column])
@@ -255,11 +200,8 @@ def _stationary(results):
     return figure
 
 
-def _convergence(axes, result, letter):
+def _convergence(axes: Axes, result: Measured, letter: str) -> None:
     """Draw the error over time beside the slope that the slowest eigenvalue predicts."""
-    import numpy as np
-
-    from tetra_ros2.formation import measures, shapes
     error = measures.shape_error(result.run.gamma, shapes.TETRAHEDRON.angles)
     times = result.run.times
     anchor = int(np.argmax(error < 1e-2))
@@ -276,9 +218,8 @@ def _convergence(axes, result, letter):
     _title(axes, f'({letter}) formation error, $f_{result.which + 1}$')
 
 
-def _rotating(results):
+def _rotating(results: Sequence[Measured]) -> Figure:
     """Return the paper's Fig:Sim:RF, with the components for both gains."""
-    import numpy as np
     figure, grid = _figure()
     grid[1, 0].remove()
     grid[1, 1].remove()
@@ -317,7 +258,7 @@ def _rotating(results):
     return figure
 
 
-def _save(figure, directory, name):
+def _save(figure: Figure, directory: Path, name: str) -> None:
     """Write a figure as PDF, SVG and PNG, each as a whole or not at all."""
     for suffix, keywords in (('pdf', {'metadata': {'CreationDate': None}}),
                              ('svg', {'metadata': {'Date': None}}), ('png', {'dpi': 200})):

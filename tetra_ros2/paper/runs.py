@@ -4,15 +4,20 @@
 """Runs of the real nodes in lockstep, kept sample by sample, and what can be read off them."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import measures, sampling
+from tetra_ros2.formation.decay import decay_rate
+from tetra_ros2.formation.gain import Gain
 from tetra_ros2.formation.observer import Observer
+from tetra_ros2.formation.topology import Topology
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class NodeRun:
     """
     The samples of a run.
 
@@ -24,6 +29,11 @@ class Run:
     times: np.ndarray
     gamma: np.ndarray
     h: float
+
+    def angular_velocity(self, count: int = 100) -> np.ndarray:
+        """Return that of the formation over its last ``count`` steps [rad/s], ``(3,)``."""
+        return measures.mean_angular_velocity(
+            self.gamma[-1 - count], self.gamma[-1], count * self.h)
 
 
 class _Keeper(Observer):
@@ -41,30 +51,26 @@ class _Keeper(Observer):
         return new
 
 
-def node_parameters(topology, gain):
-    """
-    Return the parameters that make nodes of a topology and a gain.
-
-    :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
-    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
-    """
+def node_parameters(topology: Topology, gain: Gain) -> dict[str, Any]:
+    """Return the parameters that make nodes of a topology and a gain."""
     return {'topology.kind': 'custom', 'topology.n': topology.n,
             'topology.edges': [f'{i} {j} {weight!r}' for i, j, weight in topology.edges],
             'gain.kind': gain.kind, 'gain.a': gain.a, 'gain.b': gain.b}
 
 
-def run_nodes(topology, gain, duration, *, rate=100.0, seed=0, attitudes=None, parameters=None):
+def run_nodes(topology: Topology, gain: Gain, duration: float, *, rate: float = 100.0,
+              seed: int = 0, attitudes: ArrayLike | None = None,
+              parameters: dict[str, Any] | None = None) -> NodeRun:
     """
     Run plant, agents and monitor in lockstep, and keep all that the monitor saw.
 
-    :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
-    :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :param duration: formation time [s]
     :param rate: steps per second of formation time [Hz]
     :param seed: of the random initial attitudes
     :param attitudes: initial attitudes, unit quaternions ``(n, 4)``, instead
     :param parameters: more of the launcher's parameters
     """
+    # The launcher needs ROS. Whoever checks mathematics only has to do without.
     from tetra_ros2.launcher import Launcher
     given = {**node_parameters(topology, gain), 'plant:rate': rate, **(parameters or {})}
     if attitudes is not None:
@@ -79,43 +85,15 @@ def run_nodes(topology, gain, duration, *, rate=100.0, seed=0, attitudes=None, p
     if np.any(np.abs(np.diff(stamps) / 1e9 - h) > 1e-12):
         raise RuntimeError('a sample of the run was lost')
     samples = np.array(keeper.samples).reshape(len(stamps), topology.n, 7)
-    return Run((stamps - stamps[0]) / 1e9, samples[:, :, :3], h)
+    return NodeRun((stamps - stamps[0]) / 1e9, samples[:, :, :3], h)
 
 
-def decay_rate(run, topology, gain, largest=1e-3, smallest=1e-8, modes=5):
+def slowest_rate(run: NodeRun, topology: Topology, gain: Gain) -> float:
     """
-    Return the slowest rate at which a run's shape approaches its limit [1/s].
+    Return the slowest rate at which the shape of a run approaches its limit [1/s].
 
-    Read off the samples alone: the linear map that best takes each deviation of the cosines from
-    their limit to the one some time later (dynamic mode decomposition). Its largest eigenvalue
-    is the slowest mode. A straight line through the logarithm of the error would do as well
-    where that mode is real and alone; under the rotating graph there are two slow pairs of
-    complex ones.
-
-    :param run: a :class:`Run` that has come close to a tetrahedron
-    :param topology: its topology
-    :param gain: its gain
-    :param largest: deviation from which on the motion is linear enough
-    :param smallest: deviation below which rounding disturbs
-    :param modes: how many there are: five cosines of four agents are independent
+    :param run: that has come close to a formation
     :returns: NaN if the run does not approach the shape that it ends near
     """
     limit = sampling.sampled_equilibrium(run.gamma[-1], topology.weights, gain, run.h).gamma
-    deviation = measures.pairwise_cosines(run.gamma) - measures.pairwise_cosines(limit)
-    size = np.max(np.abs(deviation), axis=1)
-    above = np.flatnonzero(size > largest)
-    first = above[-1] + 1 if len(above) else 0
-    below = np.flatnonzero(size[first:] < smallest)
-    last = first + (below[0] if len(below) else len(size) - first)
-    lag = max(1, (last - first) // 40)
-    if last - first < 4 * modes or size[last - 1] > 0.1 * size[first]:
-        return float('nan')
-    before, after = deviation[first:last - lag], deviation[first + lag:last]
-    scale = 1.0 / np.linalg.norm(before, axis=1, keepdims=True)
-    u, s, vt = np.linalg.svd(scale * before, full_matrices=False)
-    kept = min(modes, int(np.sum(s > 1e-4 * s[0])))
-    u, s, vt = u[:, :kept], s[:kept], vt[:kept]
-    # Rows are samples: after = before M, seen within the directions that the samples explore.
-    step = (u.T @ (scale * after) @ vt.T) / s[:, None]
-    slowest = np.max(np.abs(np.linalg.eigvals(step)))
-    return float(-np.log(slowest) / (lag * run.h))
+    return decay_rate(run.gamma, run.h, limit)
