@@ -139,7 +139,7 @@ def _document(summary, launcher, wall_time):
                      'edges': topology.edges},
         'gain': {'kind': gain.kind, 'a': gain.a, 'b': gain.b},
         'plant': plant and {'mode': plant.mode, 'rate': plant.rate, 'seed': plant.seed,
-                            'steps': plant.time.steps},
+                            'steps': plant.stepper.steps},
         'rejected': dict(sum((node.health.rejected for node in launcher.nodes), Counter())),
         'wall_time': wall_time,
         'recording': recorder and {'path': str(recorder.path),
