@@ -10,15 +10,14 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import flow, measures, rotation, shapes
+from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.simulation import SampledLoop
 
 if TYPE_CHECKING:
     from tetra_ros2.formation._formation import Formation
-
-Array = NDArray[np.float64]
 
 UNIT_TOLERANCE = 1e-3
 """How far from 1 the length of what a user gave may be."""
@@ -77,8 +76,8 @@ class Trajectory:
         """
         if len(self.times) < 2:
             raise ValueError('one sample does not tell how the formation turns')
-        return measures.mean_angular_velocity(
-            *self.reduced_attitudes[-2:], self.times[-1] - self.times[-2])
+        before, after = self.reduced_attitudes[-2:]
+        return measures.mean_angular_velocity(before, after, self.times[-1] - self.times[-2])
 
     def predicted_spin(self) -> Array:
         """
@@ -129,7 +128,7 @@ def simulate(formation: Formation, initial: ArrayLike | None, seed: int | None,
     h = round(1e9 / rate) / 1e9
     if h == 0.0:
         raise ValueError(f'rate must be 1e9 Hz at most, not {rate!r}')
-    times = h * np.arange(round(duration / h) + 1)
+    times = h * np.arange(round(duration / h) + 1, dtype=float)
     if continuous:
         kept = flow.attitudes(attitudes, axes, formation.topology.weights, formation.gain, times)
         return Trajectory(formation, times, kept, rotation.rotate(kept, axes))

@@ -14,22 +14,23 @@ from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tetra_ros2.formation import law, measures, sphere
+from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Gain
 
-Array = NDArray[np.float64]
 Run = Callable[..., tuple[NDArray[np.int64], Array]]
+F = TypeVar('F', bound=Callable[..., Any])
 
 NEVER = -1
 """Where there would be the number of a step: the start did not form."""
 
 
-def advance(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: float) -> Array:
+def advance(gamma: Array, weights: Array, gain: Gain, h: float) -> Array:
     """
     Return the reduced attitudes one step of the sampled loop later.
 
@@ -41,7 +42,7 @@ def advance(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: float) -> Array
     return sphere.exp(gamma, h * law.velocity(gamma, weights, gain))
 
 
-def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, target_angles: ArrayLike,
+def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, target_angles: Array,
         tolerance: float, h: float, longest: int, hold: int) -> tuple[NDArray[np.int64], Array]:
     """
     Run every start until it has formed, or for so many steps.
@@ -124,6 +125,17 @@ def compiled(gain: Gain) -> Run:
     return run_compiled
 
 
+def compiler(**options: Any) -> Callable[[F], F]:
+    """
+    Return numba's decorator, typed.
+
+    :raises ModuleNotFoundError: if numba is not installed
+    """
+    import numba  # it is optional
+    decorator: Callable[[F], F] = numba.njit(**options)
+    return decorator
+
+
 def parameters_of(gain: Gain) -> Any:
     """Return the fields of a gain as a named tuple, which numba takes in its place."""
     return _tuple_type(type(gain))(*(getattr(gain, field.name) for field in fields(gain)))
@@ -137,21 +149,21 @@ def _tuple_type(family: type[Gain]) -> Any:
 @cache
 def _kernel(family: type[Gain], n: int) -> Any:
     # A constant n lets the compiler unroll the loops over agents.
-    from numba import njit  # numba is optional
 
+    of_cosine: Any
     if family.of_cosine is Gain.of_cosine:
-        f = njit(family.f)
+        f = compiler()(family.f)
 
-        @njit
-        def of_cosine(parameters, cosine):
+        @compiler()
+        def of_cosine(parameters: Any, cosine: float) -> Any:
             return f(parameters, math.acos(min(max(cosine, -1.0), 1.0)))
     else:
-        of_cosine = njit(family.of_cosine)
+        of_cosine = compiler()(family.of_cosine)
 
     m = n * (n - 1) // 2
 
-    @njit
-    def has_formed(cosines, least, most, order):
+    @compiler()
+    def has_formed(cosines: Array, least: Array, most: Array, order: Array) -> bool:
         """Return whether the cosines, in ascending order, lie between their bounds."""
         # The largest cosine alone tells most of those that are not there yet.
         largest = -2.0
@@ -171,8 +183,9 @@ def _kernel(family: type[Gain], n: int) -> Any:
                 return False
         return True
 
-    @njit
-    def kernel(starts, weights, parameters, least, most, h, longest, hold, formed):
+    @compiler()
+    def kernel(starts: Array, weights: Array, parameters: Any, least: Array, most: Array,
+               h: float, longest: int, hold: int, formed: NDArray[np.int64]) -> None:
         cosines, order = np.empty(m), np.empty(m)
         pull = np.empty((n, 3))
         for start in range(len(starts)):

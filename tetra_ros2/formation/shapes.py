@@ -13,7 +13,9 @@ import math
 import numpy as np
 
 from tetra_ros2.formation import law, measures, rotation
-from tetra_ros2.formation.gain import Cosine
+from tetra_ros2.formation._types import Array
+from tetra_ros2.formation.gain import Cosine, Gain
+from tetra_ros2.formation.topology import Topology
 
 THETA_STAR = math.acos(-1.0 / 3.0)
 """Pairwise angle of the regular tetrahedron [rad]; eq:PF:OmegaT."""
@@ -26,10 +28,10 @@ class Shape:
     """A reference shape: its name and one copy of it, unit vectors of shape ``(n, 3)``."""
 
     name: str
-    points: np.ndarray
+    points: Array
 
     @property
-    def angles(self):
+    def angles(self) -> Array:
         """Return the pairwise angles [rad] in ascending order, ``(n (n - 1) / 2,)``."""
         return np.sort(measures.pairwise_angles(self.points))
 
@@ -45,7 +47,7 @@ TETRAHEDRON = Shape('regular tetrahedron', np.array([
 OCTAHEDRON = Shape('regular octahedron', np.concatenate([np.eye(3), -np.eye(3)]))
 
 
-def known_shape(topology):
+def known_shape(topology: Topology) -> Shape | None:
     """
     Return the shape that a topology is known to lead to, or None.
 
@@ -70,7 +72,7 @@ def known_shape(topology):
     return {2: ANTIPODAL, 3: TRIANGLE, 6: OCTAHEDRON}.get(n) if uniform else None
 
 
-def reservation(topology, gain):
+def reservation(topology: Topology, gain: Gain) -> str | None:
     """
     Say why a gain is a bad choice for a topology although its shape is known, or return None.
 
@@ -87,7 +89,7 @@ def reservation(topology, gain):
     return None
 
 
-def predicted_angular_velocity(gamma, topology, gain):
+def predicted_angular_velocity(gamma: Array, topology: Topology, gain: Gain) -> Array:
     """
     Return the angular velocity [rad/s] at which theory lets the tetrahedron at hand spin.
 
@@ -109,7 +111,7 @@ def predicted_angular_velocity(gamma, topology, gain):
     return measures.angular_velocity(ideal, law.velocity(ideal, topology.weights, gain))
 
 
-def predicted_sense(topology, chirality):
+def predicted_sense(topology: Topology, chirality: float) -> int:
     """
     Return in which sense a rotating formation spins about Gamma_k: 1 is counter-clockwise.
 
@@ -118,8 +120,11 @@ def predicted_sense(topology, chirality):
     4 runs clockwise, and in the mirror image counter-clockwise: hence the product.
 
     :param topology: a rotating topology
+    :raises ValueError: if it is another one
     :param chirality: 1 or -1; see :func:`~tetra_ros2.formation.measures.chirality`
     """
+    if topology.axis_agent is None:
+        raise ValueError('this topology has no agent on an axis')
     # (k, Suc, Suc Suc, Suc Suc Suc) is an even permutation of (1, 2, 3, 4) for odd k only.
     clockwise = chirality if topology.axis_agent % 2 == 1 else -chirality
     return int(clockwise if topology.direction == 1 else -clockwise)

@@ -9,6 +9,10 @@ import math
 import numpy as np
 
 from tetra_ros2.formation import measures, shapes
+from tetra_ros2.formation._types import Array
+from tetra_ros2.formation.gain import Gain
+from tetra_ros2.formation.observer import Observer
+from tetra_ros2.formation.topology import Topology
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class Summary:
     axis_drift: float | None
 
 
-def summarize(observer, topology, gain):
+def summarize(observer: Observer, topology: Topology, gain: Gain) -> Summary:
     """
     Summarise a run.
 
@@ -81,12 +85,11 @@ def summarize(observer, topology, gain):
         measured = _spin(observer.angular_velocity, gamma, axis)
         if axis is not None:
             before = np.array(observer.previous_poses).reshape(-1, 7)[axis - 1, :3]
-            elapsed = (observer.stamp - observer.previous_stamp) / 1e9
-            drift = float(np.linalg.norm(gamma[axis - 1] - before) / elapsed)
+            drift = float(np.linalg.norm(gamma[axis - 1] - before) / observer.interval)
     if observer.shape is shapes.TETRAHEDRON and formed:
         predicted = _spin(shapes.predicted_angular_velocity(gamma, topology, gain), gamma, axis)
     return Summary(
-        shape=observer.shape and observer.shape.name,
+        shape=observer.shape.name if observer.shape is not None else None,
         formed=formed,
         tolerance=observer.tolerance,
         time_to_form=observer.time_to_form,
@@ -100,7 +103,7 @@ def summarize(observer, topology, gain):
     )
 
 
-def _spin(angular_velocity, gamma, axis):
+def _spin(angular_velocity: Array, gamma: Array, axis: int | None) -> Spin:
     rate = float(np.linalg.norm(angular_velocity))
     if rate < 1e-9:  # rounding, over a sample time
         return Spin(rate, math.inf, axis, 0)

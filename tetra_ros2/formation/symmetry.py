@@ -211,7 +211,8 @@ class AdmissibleAngles:
                             for targets in self._lists], axis=0)
         else:
             worst = np.array([self.error(row) for row in flat.tolist()])
-        return worst.reshape(angles.shape[:-1])
+        result: np.ndarray = worst.reshape(angles.shape[:-1])
+        return result
 
     def nearest(self, gamma: np.ndarray) -> Permutation:
         """

@@ -8,6 +8,7 @@ Edge (i, j) means that agent i sees agent j, and W(i, j) weighs what it sees. To
 write a function that returns a Topology and name it in KINDS.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 import math
 
@@ -31,7 +32,7 @@ class Topology:
     axis_agent: int | None = None
     direction: int | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the weights and freeze them."""
         weights = np.array(self.weights, dtype=float)
         if weights.ndim != 2 or weights.shape[0] != weights.shape[1] or len(weights) < 2:
@@ -44,33 +45,33 @@ class Topology:
         object.__setattr__(self, 'weights', weights)
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Return the number of agents."""
         return len(self.weights)
 
     @property
-    def edges(self):
+    def edges(self) -> tuple[tuple[int, int, float], ...]:
         """Return all edges (i, j, W(i, j)) with W(i, j) != 0, in lexicographic order."""
         return tuple((i, j, weight) for i in range(1, self.n + 1)
                      for j, weight in self.neighbors(i))
 
-    def neighbors(self, i):
+    def neighbors(self, i: int) -> tuple[tuple[int, float], ...]:
         """Return the (j, W(i, j)) that agent i sees, in order of j."""
         row = self.weights[i - 1]
         return tuple((int(j) + 1, float(row[j])) for j in np.flatnonzero(row))
 
     @property
-    def blind_agents(self):
+    def blind_agents(self) -> tuple[int, ...]:
         """Return the agents that see nobody, and therefore never move."""
         return tuple(i for i in range(1, self.n + 1) if not self.neighbors(i))
 
 
-def complete(n=4):
+def complete(n: int = 4) -> Topology:
     """Return the graph in which everybody sees everybody else; Graph As:SF:completegraph."""
     return Topology('complete', np.ones((n, n)) - np.eye(n))
 
 
-def rotating(k=1, p=1):
+def rotating(k: int = 1, p: int = 1) -> Topology:
     """
     Return the weighted graph of a spinning tetrahedron; Graph As:RF:weighedgraph.
 
@@ -95,16 +96,17 @@ def rotating(k=1, p=1):
     return Topology('rotating', weights, axis_agent=k, direction=p)
 
 
-def others_in_order(k):
+def others_in_order(k: int) -> tuple[int, int, int]:
     """
     Return the three agents other than k, each followed by its successor skipping k, Suc^k.
 
     The paper's modulo stands for counting on from 4 to 1, before it looks for k: so Suc^1(4) = 2.
     """
-    return tuple((k - 1 + step) % 4 + 1 for step in (1, 2, 3))
+    one, two, three = ((k - 1 + step) % 4 + 1 for step in (1, 2, 3))
+    return one, two, three
 
 
-def custom(n, edges):
+def custom(n: int, edges: Iterable[tuple[int, int] | tuple[int, int, float]]) -> Topology:
     """
     Return any weighted directed graph.
 
@@ -132,7 +134,7 @@ def custom(n, edges):
 class EdgeError(ValueError):
     """An edge that cannot be; ``index`` tells which, from 0."""
 
-    def __init__(self, index, problem):
+    def __init__(self, index: int, problem: str) -> None:
         super().__init__(problem)
         self.index = index
 
