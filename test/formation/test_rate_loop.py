@@ -1,0 +1,142 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Rate loops: the closed form at rest, the shifted spin, and the limit against simulation."""
+
+import numpy as np
+import pytest
+
+from tetra_ros2.formation import gain, law, rate_loop, rotation, sampling, shapes, stability
+from tetra_ros2.formation import topology as topologies
+
+TETRAHEDRON = shapes.TETRAHEDRON.points
+COSINE = gain.Cosine()
+ROTATING = topologies.rotating().weights
+COMPLETE = topologies.complete().weights
+
+
+def simulate(equilibrium, weights, bandwidth, h, seconds, delay_steps=0, seed=0):
+    """Return by how much a small disturbance of the shape has grown over a time, as a factor."""
+    rng = np.random.default_rng(seed)
+    n = len(equilibrium.gamma)
+    attitudes = rotation.multiply(
+        equilibrium.attitudes, rotation.exp(1e-5 * rng.standard_normal((n, 3))))
+    rates = equilibrium.rates
+    angles = np.sort(_angles(equilibrium.gamma))
+    commands = [rate_loop._commands(attitudes, weights, COSINE)] * (delay_steps + 1)
+    errors = []
+    for _ in range(round(seconds / h)):
+        commands = [*commands[1:], rate_loop._commands(attitudes, weights, COSINE)]
+        attitudes, rates = rate_loop.turn(attitudes, rates, commands[0], bandwidth, h)
+        gamma = rotation.rotate(attitudes, rate_loop.AXIS)
+        errors.append(np.max(np.abs(np.sort(_angles(gamma)) - angles)))
+    # Half of the time for the modes that decay quickly, then two windows that hold a whole beat.
+    quarter = len(errors) // 4
+    return max(errors[3 * quarter:]) / max(errors[2 * quarter:3 * quarter])
+
+
+def _angles(gamma):
+    i, j = np.triu_indices(len(gamma), 1)
+    return np.arccos(np.clip(np.sum(gamma[i] * gamma[j], axis=-1), -1.0, 1.0))
+
+
+@pytest.mark.parametrize('bandwidth', [0.1, 1.0, 10.0, 100.0])
+def test_at_rest_each_eigenvalue_becomes_two_of_a_quadratic(bandwidth):
+    law_alone = stability.transverse(TETRAHEDRON, COMPLETE, COSINE).eigenvalues
+    found = rate_loop.rate_loop_equilibrium(TETRAHEDRON, COMPLETE, COSINE, bandwidth)
+    expected = rate_loop.eigenvalues_at_rest(law_alone, bandwidth)
+    # Beside these, each body loses a rate about no shape at all at the rate of the loop.
+    for value in expected:
+        assert np.min(np.abs(found.eigenvalues - value)) < 1e-6 * bandwidth + 1e-6
+    assert found.slowest_rate == pytest.approx(min(-expected.real), rel=1e-6)
+
+
+def test_a_formation_of_symmetric_weights_at_rest_has_no_threshold():
+    assert rate_loop.min_bandwidth(TETRAHEDRON, COMPLETE, COSINE) == 0.0
+
+
+def test_a_fast_rate_loop_leaves_the_law_as_it_is():
+    fast = rate_loop.rate_loop_equilibrium(TETRAHEDRON, ROTATING, COSINE, 1e4)
+    alone = stability.transverse(TETRAHEDRON, ROTATING, COSINE)
+    assert fast.slowest_rate == pytest.approx(-alone.eigenvalues[0].real, rel=1e-3)
+    assert np.linalg.norm(fast.spin) == pytest.approx(np.linalg.norm(alone.spin), rel=1e-3)
+
+
+def test_the_sampled_loop_with_a_fast_rate_loop_is_that_of_kinematic_bodies():
+    h = 0.05
+    fast = rate_loop.rate_loop_equilibrium(
+        TETRAHEDRON, ROTATING, COSINE, 1e6, h=h, delay_steps=1)
+    kinematic = sampling.sampled_equilibrium(TETRAHEDRON, ROTATING, COSINE, h, 1)
+    slowest = -np.log(abs(kinematic.floquet_multipliers()[0])) / h
+    assert fast.slowest_rate == pytest.approx(slowest, rel=1e-4)
+    assert np.linalg.norm(fast.spin) == pytest.approx(np.linalg.norm(kinematic.spin), rel=1e-4)
+
+
+@pytest.mark.parametrize(('bandwidth', 'h', 'delay_steps'), [
+    (0.5, 0.0, 0), (5.0, 0.0, 0), (0.5, 0.1, 0), (5.0, 0.1, 0), (2.0, 0.1, 2)])
+def test_the_equilibrium_is_one_that_simulation_keeps(bandwidth, h, delay_steps):
+    there = rate_loop.rate_loop_equilibrium(
+        TETRAHEDRON, ROTATING, COSINE, bandwidth, h=h, delay_steps=delay_steps)
+    assert there.residual < 1e-11
+    step = h or 1e-3
+    attitudes, rates = there.attitudes, there.rates
+    if delay_steps:
+        return  # what simulation makes of a delay is tested at the limit
+    for _ in range(20):
+        commands = rate_loop._commands(attitudes, ROTATING, COSINE)
+        attitudes, rates = rate_loop.turn(attitudes, rates, commands, bandwidth, step)
+    gamma = rotation.rotate(attitudes, rate_loop.AXIS)
+    expected = rotation.rotate(rotation.exp(20 * step * there.spin), there.gamma)
+    assert np.max(np.abs(gamma - expected)) < (1e-10 if h else 1e-5)
+
+
+def test_the_shape_shifts_by_the_square_of_the_spin_over_the_bandwidth():
+    shifts = []
+    for k in (100.0, 200.0):
+        there = rate_loop.rate_loop_equilibrium(TETRAHEDRON, ROTATING, COSINE, k)
+        shifts.append(k * np.max(np.abs(_angles(there.gamma) - np.arccos(-1.0 / 3.0))))
+    assert shifts[0] == pytest.approx(shifts[1], rel=0.01)
+
+
+@pytest.mark.parametrize(('h', 'delay_steps'), [(0.1, 0), (0.1, 1)])
+def test_the_limit_is_within_five_percent_of_where_simulation_turns(h, delay_steps):
+    limit = rate_loop.min_bandwidth(
+        TETRAHEDRON, ROTATING, COSINE, h=h, delay_steps=delay_steps)
+    for factor, grows in ((0.95, True), (1.05, False)):
+        there = rate_loop.rate_loop_equilibrium(
+            TETRAHEDRON, ROTATING, COSINE, factor * limit, h=h, delay_steps=delay_steps)
+        assert there.is_stable() is not grows
+        growth = simulate(there, ROTATING, factor * limit, h, 300.0, delay_steps)
+        assert (growth > 1.0) == grows
+
+
+def test_the_naive_bound_of_the_laws_own_eigenvalues_is_no_prediction():
+    values = stability.transverse(TETRAHEDRON, ROTATING, COSINE).eigenvalues
+    # s^2 + k s - k lambda has a root on the axis at k = Im^2 / -Re.
+    naive = max(value.imag**2 / -value.real for value in values)
+    assert rate_loop.min_bandwidth(TETRAHEDRON, ROTATING, COSINE) < 0.6 * naive
+
+
+def test_no_bandwidth_helps_where_sampling_alone_is_too_slow():
+    limit = sampling.max_sample_time(TETRAHEDRON, COMPLETE, COSINE)
+    assert rate_loop.min_bandwidth(TETRAHEDRON, COMPLETE, COSINE, h=1.2 * limit) == np.inf
+
+
+def test_turning_in_many_short_steps_is_turning_in_one():
+    rng = np.random.default_rng(1)
+    attitudes, rates = rotation.random(rng, (5,)), rng.standard_normal((5, 2))
+    commands = rng.standard_normal((5, 2))
+    whole = rate_loop.turn(attitudes, rates, commands, 3.0, 0.2)
+    for _ in range(50):
+        attitudes, rates = rate_loop.turn(attitudes, rates, commands, 3.0, 0.2 / 50)
+    assert np.max(np.abs(whole[0] - attitudes)) < 1e-5
+    assert np.max(np.abs(whole[1] - rates)) < 1e-13
+
+
+def test_the_commands_are_those_of_the_law():
+    rng = np.random.default_rng(2)
+    attitudes = rotation.random(rng, (4,))
+    gamma = rotation.rotate(attitudes, rate_loop.AXIS)
+    world = law.world_angular_velocity(gamma, ROTATING, COSINE)
+    body = rotation.rotate(rotation.inverse(attitudes), world)
+    assert np.allclose(rate_loop._commands(attitudes, ROTATING, COSINE), body[:, 1:])
