@@ -29,6 +29,8 @@ extras = {
     'study': ['numba', 'pyarrow'],
     'cluster': ['distributed'],
     'bench': ['numba', 'scipy'],
+    'physics': ['mujoco'],
+    'serial': ['dynamixel-sdk'],
 }
 extras['all'] = [package for name in extras if name != 'ros' for package in extras[name]]
 extras['test'] = [
