@@ -13,11 +13,8 @@ plane of Gamma_1 and Gamma_2 have the same xi. The inverse here therefore asks f
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import measures, sphere
-from tetra_ros2.formation._types import Array
-from tetra_ros2.formation.gain import Gain
 
 NORTH = np.array([0.0, 0.0, 1.0])
 
@@ -26,7 +23,7 @@ POLE = 1e-12
 axis means nothing there, and is 0 by definition."""
 
 
-def angles(gamma: ArrayLike) -> tuple[Array, Array]:
+def angles(gamma):
     """
     Return the roll-pitch-yaw angles of reduced attitudes; the inverse of :func:`from_angles`.
 
@@ -42,15 +39,14 @@ def angles(gamma: ArrayLike) -> tuple[Array, Array]:
     return np.arctan2(z, equatorial), np.where(equatorial > POLE, np.arctan2(y, x), 0.0)
 
 
-def from_angles(phi: ArrayLike, psi: Array) -> Array:
+def from_angles(phi, psi):
     """Return the reduced attitudes of roll-pitch-yaw angles [rad], ``(..., 3)``; eq:pre:RPY."""
     phi, psi = np.broadcast_arrays(np.asarray(phi, dtype=float), psi)
     return np.stack([
         np.cos(psi) * np.cos(phi), np.sin(psi) * np.cos(phi), np.sin(phi)], axis=-1)
 
 
-def angle_velocity(phi: ArrayLike, psi: ArrayLike, weights: Array,
-                   gain: Gain) -> tuple[Array, Array]:
+def angle_velocity(phi, psi, weights, gain):
     """
     Return the closed loop in roll-pitch-yaw angles; eq:PF:ClosedSysRPY1 and 2.
 
@@ -73,7 +69,7 @@ def angle_velocity(phi: ArrayLike, psi: ArrayLike, weights: Array,
     return phi_rate, psi_rate
 
 
-def about_z(angle: Array) -> Array:
+def about_z(angle):
     """Return the rotation matrices about Z, R1(gamma) and R3(psi_1) of eq:SF:rotMatrix."""
     c, s = np.cos(angle), np.sin(angle)
     zero, one = np.zeros_like(c), np.ones_like(c)
@@ -81,7 +77,7 @@ def about_z(angle: Array) -> Array:
                      np.stack([zero, zero, one], axis=-1)], axis=-2)
 
 
-def tilt(phi: Array) -> Array:
+def tilt(phi):
     """Return R2(phi) of eq:SF:rotMatrix: about Y through pi/2 - phi, so north comes to phi."""
     s, c = np.sin(phi), np.cos(phi)
     zero, one = np.zeros_like(c), np.ones_like(c)
@@ -89,7 +85,7 @@ def tilt(phi: Array) -> Array:
                      np.stack([-c, zero, s], axis=-1)], axis=-2)
 
 
-def attitude(xi_c: ArrayLike) -> Array:
+def attitude(xi_c):
     """
     Return ``R3(psi_1) R2(phi_1) R1(gamma)``, which takes a normalised formation to the world.
 
@@ -100,7 +96,7 @@ def attitude(xi_c: ArrayLike) -> Array:
     return about_z(psi) @ tilt(phi) @ about_z(gamma)
 
 
-def absolute(gamma: Array) -> Array:
+def absolute(gamma):
     """
     Return ``xi_c = (phi_1, psi_1, gamma)`` [rad], ``(..., 3)``; eq:SF:newCoorTransPara.
 
@@ -117,7 +113,7 @@ def absolute(gamma: Array) -> Array:
     return np.stack([phi[..., 0], psi[..., 0], twist], axis=-1)
 
 
-def transform(gamma: Array) -> Array:
+def transform(gamma):
     """
     Return ``xi = Phi(Gamma)``: six cosines and three angles [rad]; eq:SF:newCoorTrans.
 
@@ -127,18 +123,17 @@ def transform(gamma: Array) -> Array:
     return np.concatenate([measures.pairwise_cosines(gamma), absolute(gamma)], axis=-1)
 
 
-def normalized(gamma: ArrayLike) -> Array:
+def normalized(gamma):
     """
     Return the formation with Gamma_1 at the north pole and Gamma_2 at y = 0, x >= 0.
 
     :param gamma: reduced attitudes, ``(..., n, 3)``
     :returns: ``(..., n, 3)``, of the same shape and chirality
     """
-    gamma = np.asarray(gamma, dtype=float)
-    return gamma @ attitude(absolute(gamma))
+    return np.asarray(gamma, dtype=float) @ attitude(absolute(gamma))
 
 
-def inverse(xi: ArrayLike, chirality: ArrayLike) -> Array:
+def inverse(xi, chirality):
     """
     Return the formation of given coordinates: ``inverse(transform(G), chirality(G)) == G``.
 
@@ -160,7 +155,7 @@ def inverse(xi: ArrayLike, chirality: ArrayLike) -> Array:
     return normalized(shape) @ np.swapaxes(attitude(xi[..., 6:]), -1, -2)
 
 
-def cosine_matrix(cosines: ArrayLike) -> Array:
+def cosine_matrix(cosines):
     """
     Return the Gram matrix ``Gamma_i^T Gamma_j`` of pairwise cosines.
 
@@ -172,11 +167,10 @@ def cosine_matrix(cosines: ArrayLike) -> Array:
     matrix = np.broadcast_to(np.eye(n), (*cosines.shape[:-1], n, n)).copy()
     i, j = np.triu_indices(n, k=1)
     matrix[..., i, j] = matrix[..., j, i] = cosines
-    result: Array = matrix
-    return result
+    return matrix
 
 
-def gram_identity(cosines: ArrayLike) -> Array:
+def gram_identity(cosines):
     """
     Return the left side of the identity among six cosines, which is 1 on the sphere.
 
@@ -186,14 +180,13 @@ def gram_identity(cosines: ArrayLike) -> Array:
     :param cosines: xi_s, ``(..., 6)``
     """
     c12, c13, c14, c23, c24, c34 = np.moveaxis(np.asarray(cosines, dtype=float), -1, 0)
-    result: Array = (c12**2 + c13**2 + c14**2 + c23**2 + c24**2 + c34**2
+    return (c12**2 + c13**2 + c14**2 + c23**2 + c24**2 + c34**2
             - (c14 * c23)**2 - (c13 * c24)**2 - (c12 * c34)**2
             - 2.0 * (c12 * c13 * c23 + c23 * c24 * c34 + c13 * c14 * c34 + c12 * c14 * c24)
             + 2.0 * (c13 * c14 * c23 * c24 + c12 * c13 * c24 * c34 + c12 * c14 * c23 * c34))
-    return result
 
 
-def h(xi_s: Array) -> Array:
+def h(xi_s):
     """
     Return the matrix h of ``dxi_s/dt = h(xi_s) F(xi_s)``, complete graph; eq:SF:newCorDynf1Detial.
 
@@ -212,7 +205,7 @@ def h(xi_s: Array) -> Array:
     return matrix
 
 
-def cosine_velocity(cosines: Array, weights: Array, gain: Gain) -> Array:
+def cosine_velocity(cosines, weights, gain):
     """
     Return the closed dynamics of the cosines, any n and weights; eq:RF:newCorDynf1 written out.
 
@@ -227,7 +220,7 @@ def cosine_velocity(cosines: Array, weights: Array, gain: Gain) -> Array:
     return _upper(_symmetric(_generator(c, weights * gain.of_cosine(c)) @ c))
 
 
-def cosine_jacobian(cosines: Array, weights: Array, gain: Gain) -> Array:
+def cosine_jacobian(cosines, weights, gain):
     """
     Return the derivative of :func:`cosine_velocity`, ``(m, m)`` [1/s]; eq:SF:proofCM.
 
@@ -242,24 +235,22 @@ def cosine_jacobian(cosines: Array, weights: Array, gain: Gain) -> Array:
     change = cosine_matrix(np.eye(len(cosines))) - np.eye(len(c))
     generator_change = _generator(c, slope * change) + _diagonal(rate * change)
     changes = _symmetric(generator_change @ c + _generator(c, rate) @ change)
-    result: Array = _upper(changes).T
-    return result
+    return _upper(changes).T
 
 
-def _generator(c: Array, rate: Array) -> Array:
+def _generator(c, rate):
     """Return M such that ``dGamma/dt = M Gamma`` row by row: diagonal of sum rate c, less rate."""
     return _diagonal(rate * c) - rate
 
 
-def _diagonal(terms: Array) -> Array:
-    result: Array = np.sum(terms, axis=-1)[..., None] * np.eye(terms.shape[-1])
-    return result
+def _diagonal(terms):
+    return np.sum(terms, axis=-1)[..., None] * np.eye(terms.shape[-1])
 
 
-def _symmetric(matrix: Array) -> Array:
+def _symmetric(matrix):
     return matrix + np.swapaxes(matrix, -1, -2)
 
 
-def _upper(matrix: Array) -> Array:
+def _upper(matrix):
     i, j = np.triu_indices(matrix.shape[-1], k=1)
     return matrix[..., i, j]

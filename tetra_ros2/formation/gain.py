@@ -29,9 +29,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from tetra_ros2.formation._types import Array
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,25 +6,23 @@
 import itertools
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import rotation, sphere
-from tetra_ros2.formation._types import Array
 
 
-def pairs(n: int) -> tuple[tuple[int, int], ...]:
+def pairs(n):
     """Return the pairs (i, j) of agents with i < j in lexicographic order, from 1."""
     return tuple(itertools.combinations(range(1, n + 1), 2))
 
 
-def _ends(gamma: ArrayLike) -> tuple[Array, Array]:
+def _ends(gamma):
     """Return the two ends of all pairs, each of shape ``(..., n (n - 1) / 2, 3)``."""
     gamma = np.asarray(gamma, dtype=float)
     i, j = np.triu_indices(gamma.shape[-2], k=1)
     return gamma[..., i, :], gamma[..., j, :]
 
 
-def pairwise_cosines(gamma: Array) -> Array:
+def pairwise_cosines(gamma):
     """
     Return ``cos(theta_ij)`` for i < j in lexicographic order; for n = 4 the paper's xi_s.
 
@@ -32,16 +30,15 @@ def pairwise_cosines(gamma: Array) -> Array:
     :returns: ``(..., n (n - 1) / 2)``
     """
     first, second = _ends(gamma)
-    result: Array = np.sum(first * second, axis=-1)
-    return result
+    return np.sum(first * second, axis=-1)
 
 
-def pairwise_angles(gamma: Array) -> Array:
+def pairwise_angles(gamma):
     """Return ``theta_ij`` [rad] for i < j in lexicographic order, ``(..., n (n - 1) / 2)``."""
     return sphere.geodesic_distance(*_ends(gamma))
 
 
-def shape_error(gamma: Array, target_angles: Array) -> Array:
+def shape_error(gamma, target_angles):
     """
     Return the largest distance of a pairwise angle from the target [rad], ``(...)``.
 
@@ -51,12 +48,10 @@ def shape_error(gamma: Array, target_angles: Array) -> Array:
     :param gamma: reduced attitudes, ``(..., n, 3)``
     :param target_angles: the target's pairwise angles [rad] in ascending order
     """
-    angles = np.sort(pairwise_angles(gamma), axis=-1)
-    error: Array = np.max(np.abs(angles - target_angles), axis=-1)
-    return error
+    return np.max(np.abs(np.sort(pairwise_angles(gamma), axis=-1) - target_angles), axis=-1)
 
 
-def chirality(gamma: ArrayLike) -> Array:
+def chirality(gamma):
     """
     Return the handedness of four points, ``(...)``: 1 or -1, and 0 where they are coplanar.
 
@@ -66,11 +61,10 @@ def chirality(gamma: ArrayLike) -> Array:
     :param gamma: reduced attitudes, ``(..., 4, 3)``
     """
     gamma = np.asarray(gamma, dtype=float)
-    result: Array = np.sign(np.linalg.det(gamma[..., 1:, :] - gamma[..., :1, :]))
-    return result
+    return np.sign(np.linalg.det(gamma[..., 1:, :] - gamma[..., :1, :]))
 
 
-def angular_velocity(gamma: ArrayLike, velocity: Array) -> Array:
+def angular_velocity(gamma, velocity):
     """
     Return the angular velocity [rad/s] of the formation as one rigid body, ``(..., 3)``.
 
@@ -84,12 +78,10 @@ def angular_velocity(gamma: ArrayLike, velocity: Array) -> Array:
     outer = gamma[..., :, None] * gamma[..., None, :]
     inertia = np.sum(np.eye(3) - outer, axis=-3)
     momentum = np.sum(np.cross(gamma, velocity), axis=-2)
-    inverse = np.linalg.pinv(inertia, hermitian=True)
-    spin: Array = np.einsum('...ij,...j->...i', inverse, momentum)
-    return spin
+    return np.einsum('...ij,...j->...i', np.linalg.pinv(inertia, hermitian=True), momentum)
 
 
-def mean_angular_velocity(before: ArrayLike, after: Array, elapsed: float) -> Array:
+def mean_angular_velocity(before, after, elapsed):
     """
     Return the constant angular velocity [rad/s] that best takes one sample to the next.
 
@@ -100,9 +92,8 @@ def mean_angular_velocity(before: ArrayLike, after: Array, elapsed: float) -> Ar
     :param elapsed: time between the two [s]
     :returns: in the world frame, ``(..., 3)``
     """
-    before = np.asarray(before, dtype=float)
     turn = rotation.align(before, after)
-    first = before[..., 0, :]
+    first = np.asarray(before, dtype=float)[..., 0, :]
     on_a_line = np.all(np.linalg.norm(
         np.cross(first[..., None, :], before), axis=-1) < 1e-9, axis=-1)
     shortest = rotation.between(first, rotation.rotate(turn, first))

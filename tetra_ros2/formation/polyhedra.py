@@ -55,6 +55,15 @@ SOLIDS = {
 }
 """The vertices P_i of each solid, unit vectors ``(n, 3)``; agent i is at ``[i - 1]``."""
 
+CLASS_WEIGHTS = {
+    'tetrahedron': (0.5,),
+    'octahedron': (1.0, 6.0),
+    'cube': (0.0, 1.0, 4.0),
+    'icosahedron': (0.0, 1.0, 3.0),
+    'dodecahedron': (0.0, 0.0, 0.6, 1.0, 2.0),
+}
+"""Recommended S_c, nearest class first; ``docs/polyhedra.md`` says of which gain."""
+
 AXES = ('vertex', 'edge', 'face')
 """The axes that have a name: of agent 1, of an edge of its, of a face of its."""
 
@@ -74,16 +83,12 @@ class DistanceClasses:
     @property
     def sizes(self) -> np.ndarray:
         """Return k_c, how many points are at each distance from the first, ``(m,)``."""
-        sizes: np.ndarray = np.sum(
-            self.of_pair[0] == np.arange(len(self.angles))[:, None], axis=1)
-        return sizes
+        return np.sum(self.of_pair[0] == np.arange(len(self.angles))[:, None], axis=1)
 
     @property
     def multiples(self) -> np.ndarray:
         """Return how many points are at each distance from each one, ``(n, m)``."""
-        multiples: np.ndarray = np.sum(
-            self.of_pair[:, :, None] == np.arange(len(self.angles)), axis=1)
-        return multiples
+        return np.sum(self.of_pair[:, :, None] == np.arange(len(self.angles)), axis=1)
 
 
 def distance_classes(points: np.ndarray) -> DistanceClasses:
@@ -102,8 +107,7 @@ def distance_classes(points: np.ndarray) -> DistanceClasses:
 def _tangential(points: np.ndarray) -> np.ndarray:
     """Return ``(I - P_i P_i^T) P_j``, ``(n, n, 3)``."""
     cosines = points @ points.T
-    result: np.ndarray = points[None, :, :] - cosines[:, :, None] * points[:, None, :]
-    return result
+    return points[None, :, :] - cosines[:, :, None] * points[:, None, :]
 
 
 def imbalance(points: np.ndarray) -> np.ndarray:
@@ -143,9 +147,7 @@ def anisotropy(points: np.ndarray) -> np.ndarray:
 
 def twist(points: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """Return ``e . (P_i x P_j)``, ``(n, n)``, antisymmetric."""
-    products = np.cross(points[:, None, :], points[None, :, :])
-    twist: np.ndarray = np.einsum('a,ija->ij', axis, products)
-    return twist
+    return np.einsum('a,ija->ij', axis, np.cross(points[:, None, :], points[None, :, :]))
 
 
 def weights(points: np.ndarray, class_weights: np.ndarray, axis: np.ndarray,

@@ -9,15 +9,13 @@ A quaternion ``q`` stands for the attitude ``R`` that takes body coordinates to 
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import sphere
-from tetra_ros2.formation._types import Array
 
 IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-def multiply(p: ArrayLike, q: ArrayLike) -> Array:
+def multiply(p, q):
     """Return the products of quaternions, ``(..., 4)``."""
     p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
     px, py, pz, pw = np.moveaxis(p, -1, 0)
@@ -30,12 +28,12 @@ def multiply(p: ArrayLike, q: ArrayLike) -> Array:
     ], axis=-1)
 
 
-def inverse(q: ArrayLike) -> Array:
+def inverse(q):
     """Return the inverses of unit quaternions, ``(..., 4)``."""
     return np.asarray(q) * [-1.0, -1.0, -1.0, 1.0]
 
 
-def rotate(q: ArrayLike, v: ArrayLike) -> Array:
+def rotate(q, v):
     """
     Rotate vectors: body to world coordinates if ``q`` is an attitude.
 
@@ -48,7 +46,7 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     return v + q[..., 3:] * t + np.cross(q[..., :3], t)
 
 
-def exp(w: ArrayLike) -> Array:
+def exp(w):
     """
     Return the rotation about ``w`` through the angle ``|w|``.
 
@@ -61,7 +59,7 @@ def exp(w: ArrayLike) -> Array:
     return np.concatenate([0.5 * np.sinc(half / np.pi) * w, np.cos(half)], axis=-1)
 
 
-def log(q: ArrayLike) -> Array:
+def log(q):
     """
     Return the shortest rotation vectors of unit quaternions; the inverse of ``exp`` below pi.
 
@@ -73,12 +71,10 @@ def log(q: ArrayLike) -> Array:
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, q[..., 3:])
     # angle / sine -> 2 as the angle vanishes
-    ratio = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
-    vector: Array = q[..., :3] * ratio
-    return vector
+    return q[..., :3] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
 
 
-def renormalize(q: ArrayLike, tolerance: float = 1e-14) -> Array:
+def renormalize(q, tolerance=1e-14):
     """
     Return ``q`` brought back to length one where it left it by more than ``tolerance``.
 
@@ -93,12 +89,12 @@ def renormalize(q: ArrayLike, tolerance: float = 1e-14) -> Array:
     return np.where(np.abs(excess) > tolerance, q * (1.0 - 0.5 * excess), q)
 
 
-def to_matrix(q: Array) -> Array:
+def to_matrix(q):
     """Return the rotation matrices of unit quaternions, ``(..., 3, 3)``."""
     return np.stack([rotate(q, e) for e in np.eye(3)], axis=-1)
 
 
-def from_matrix(matrix: ArrayLike) -> Array:
+def from_matrix(matrix):
     """
     Return the unit quaternions of rotation matrices, with ``w >= 0``.
 
@@ -123,11 +119,10 @@ def from_matrix(matrix: ArrayLike) -> Array:
     best = np.argmax(np.linalg.norm(rows, axis=-1), axis=-1)
     q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    result: Array = np.where(q[..., 3:] < 0.0, -q, q)
-    return result
+    return np.where(q[..., 3:] < 0.0, -q, q)
 
 
-def random(rng: np.random.Generator, shape: int | tuple[int, ...] = ()) -> Array:
+def random(rng, shape=()):
     """
     Draw attitudes uniformly on SO(3), so that every pointing axis is uniform on the sphere.
 
@@ -136,11 +131,10 @@ def random(rng: np.random.Generator, shape: int | tuple[int, ...] = ()) -> Array
     :returns: unit quaternions, ``(*shape, 4)``
     """
     q = rng.standard_normal((*np.atleast_1d(shape).astype(int), 4))
-    result: Array = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return result
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
 
 
-def between(x: ArrayLike, y: ArrayLike) -> Array:
+def between(x, y):
     """
     Return the shortest rotations that take unit vectors ``x`` to unit vectors ``y``.
 
@@ -161,7 +155,7 @@ def between(x: ArrayLike, y: ArrayLike) -> Array:
     return exp(sphere.geodesic_distance(x, y)[..., None] * axis)
 
 
-def align(x: ArrayLike, y: ArrayLike) -> Array:
+def align(x, y):
     """
     Return the rotation that best takes the points ``x`` to the points ``y`` (Kabsch, Wahba).
 

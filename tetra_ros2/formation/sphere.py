@@ -4,12 +4,9 @@
 """The unit sphere S^2, home of the reduced attitudes ``Gamma = R b``."""
 
 import numpy as np
-from numpy.typing import ArrayLike
-
-from tetra_ros2.formation._types import Array
 
 
-def hat(x: ArrayLike) -> Array:
+def hat(x):
     """
     Return the skew matrices of vectors: ``hat(x) @ y == cross(x, y)``; eq:pre:hat.
 
@@ -24,7 +21,7 @@ def hat(x: ArrayLike) -> Array:
     return matrix
 
 
-def geodesic_distance(x: ArrayLike, y: ArrayLike) -> Array:
+def geodesic_distance(x, y):
     """
     Return the angle between unit vectors [rad], in [0, pi].
 
@@ -37,12 +34,10 @@ def geodesic_distance(x: ArrayLike, y: ArrayLike) -> Array:
     :returns: angles, ``(...)``
     """
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    side, diagonal = np.linalg.norm(x - y, axis=-1), np.linalg.norm(x + y, axis=-1)
-    angle: Array = 2.0 * np.arctan2(side, diagonal)
-    return angle
+    return 2.0 * np.arctan2(np.linalg.norm(x - y, axis=-1), np.linalg.norm(x + y, axis=-1))
 
 
-def exp(x: Array, v: Array) -> Array:
+def exp(x, v):
     """
     Follow the great circle from ``x`` with initial velocity ``v`` for one unit of time.
 
@@ -51,17 +46,15 @@ def exp(x: Array, v: Array) -> Array:
     :returns: unit vectors, ``(..., 3)``
     """
     angle = np.linalg.norm(v, axis=-1, keepdims=True)
-    result: Array = np.cos(angle) * x + np.sinc(angle / np.pi) * v
-    return result
+    return np.cos(angle) * x + np.sinc(angle / np.pi) * v
 
 
-def project(x: Array, v: Array) -> Array:
+def project(x, v):
     """Return the parts of ``v`` tangent to the sphere at unit vectors ``x``, ``(..., 3)``."""
-    result: Array = v - np.sum(np.asarray(x) * v, axis=-1, keepdims=True) * x
-    return result
+    return v - np.sum(np.asarray(x) * v, axis=-1, keepdims=True) * x
 
 
-def normalize(x: ArrayLike) -> Array:
+def normalize(x):
     """
     Return ``x`` scaled to length one, ``(..., 3)``.
 
@@ -73,11 +66,10 @@ def normalize(x: ArrayLike) -> Array:
     if not np.all((scale > 0.0) & np.isfinite(scale)):
         raise ValueError('a direction must be finite and not zero')
     x = x / scale
-    result: Array = x / np.linalg.norm(x, axis=-1, keepdims=True)
-    return result
+    return x / np.linalg.norm(x, axis=-1, keepdims=True)
 
 
-def random(rng: np.random.Generator, shape: int | tuple[int, ...] = ()) -> Array:
+def random(rng, shape=()):
     """
     Draw points uniformly on the sphere.
 
