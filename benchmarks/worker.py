@@ -181,16 +181,16 @@ def _classes(style):
 
         @property
         def steps(self):
-            return self.time.steps
+            return self.stepper.steps
 
         def resume(self):
-            if self.time.stamp:
-                self.time.pause(False)
+            if self.stepper.stamp:
+                self.stepper.pause(False)
             else:
-                self.time.start()
+                self.stepper.start()
 
         def pause(self):
-            self.time.pause(True)
+            self.stepper.pause(True)
 
     def agent(i, n, **kwargs):
         return Agent(i, parameter_overrides=_overrides(topology__n=n), **kwargs)
@@ -257,7 +257,7 @@ def watched(arguments):
             spinner.executor, spinner.nodes = launcher.executor, launcher.nodes
             spinner.context = launcher.executor.context
             spinner._is_default = False
-            plant = LaunchedPlant(launcher.plant.time)
+            plant = LaunchedPlant(launcher.plant.stepper)
             measure = turn(spinner, plant, n)
 
             def measure_and_count(seconds):
@@ -282,24 +282,24 @@ def watched(arguments):
 class LaunchedPlant:
     """The plant of a launcher as :func:`turn` wants it."""
 
-    def __init__(self, timekeeper):
-        self._time = timekeeper
+    def __init__(self, stepper):
+        self._stepper = stepper
 
     @property
     def steps(self):
-        return self._time.steps
+        return self._stepper.steps
 
     def resume(self):
-        self._time.pause(False)
+        self._stepper.pause(False)
 
     def pause(self):
-        self._time.pause(True)
+        self._stepper.pause(True)
 
 
 def _lost(launcher, n):
     """Return how many messages monitor and recorder have missed, or recorded too often."""
     recorded = launcher.recorder.counts
-    steps = launcher.plant.time.steps + 1
+    steps = launcher.plant.stepper.steps + 1
     sent = {}
     for topic in recorded:
         name = topic.split('/', 2)[-1]
@@ -307,7 +307,7 @@ def _lost(launcher, n):
             agent = launcher.agents[int(name.split('/')[0].split('_')[1])]
             sent[topic] = agent.answers + agent.partial_answers + agent.stops
         elif 'relative_attitude' in name or name == 'formation/attitudes':
-            sent[topic] = steps + launcher.plant.time.repetitions
+            sent[topic] = steps + launcher.plant.stepper.repetitions
         elif name in ('formation/cosines', 'formation/error'):
             sent[topic] = steps
     missing = sum(abs(count - recorded[topic]) for topic, count in sent.items())
@@ -341,7 +341,7 @@ def realtime(arguments):
         plant = spinner.add(Plant, parameter_overrides=_overrides(
             topology__n=n, seed=7, mode='realtime', rate=IDLE_RATE))
         plant.set_rate = lambda rate: plant.set_parameters(_overrides(rate=rate))
-        publish, clock = plant.publish, plant.time
+        publish, clock = plant.publish, plant.stepper
 
         def publish_and_note(stamp):
             note(stamp, clock._stamps)

@@ -154,7 +154,7 @@ class Launcher:
             self.recorder = self._add(Recorder, 'recorder', sim_time=lockstep)
             self._discover()
         if self.plant is not None:
-            self.plant.time.start()
+            self.plant.stepper.start()
 
     def _add(self, node_type, kind, *args, **kwargs):
         overrides = self._overrides(kind) if kind is not None else {}
@@ -262,7 +262,7 @@ class Launcher:
         if interrupt is not None:
             interrupt.add_done_callback(lambda _: reached.done() or reached.set_result(None))
         if self.plant is not None:
-            self.plant.time.run_until(stamp)
+            self.plant.stepper.run_until(stamp)
         self._spin(reached, stall_timeout)
 
     def _spin(self, future, stall_timeout):

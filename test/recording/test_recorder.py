@@ -65,7 +65,7 @@ def test_a_recording_of_a_run_holds_every_message(tmp_path):
     with Launcher('rotating', record=path) as formation:
         formation.run_for(5.0)
         error = formation.error
-        steps = formation.plant.time.steps
+        steps = formation.plant.stepper.steps
         recorder = formation.recorder
     messages, types = read_mcap(path)
     # The run is over before the first diagnostics are due; the test of a process has them.

@@ -133,7 +133,7 @@ def test_the_plant_drops_bad_commands_and_its_state_does_not_move(probe, mode):
             bench.wait_for(lambda: bench.node.bodies.attitudes != start, 'motion')
             old = Time(sec=now.sec - 1, nanosec=0)
             bench.rejects(publisher, command([0.0, 9.0, 0.0], stamp=old), 'old stamp')
-            assert bench.node.time._rates[0] == (0.0, 1.0, 0.0)
+            assert bench.node.stepper._rates[0] == (0.0, 1.0, 0.0)
         assert np.all(np.isfinite(bench.node.bodies.attitudes))
         bench.is_reported()
 
@@ -189,13 +189,13 @@ def test_a_parameter_cannot_be_deleted(probe):
 
 def test_in_real_time_a_plant_pauses_once_when_its_duration_is_over(probe):
     with Bench(probe, Plant, mode='realtime', seed=1, duration=0.3) as bench:
-        bench.wait_for(lambda: bench.node.time.paused, 'the end')
-        bench.node.time.pause(False)
+        bench.wait_for(lambda: bench.node.stepper.paused, 'the end')
+        bench.node.stepper.pause(False)
         result, = bench.node.set_parameters([Parameter('max_angular_velocity', value=50.0)])
         assert result.successful
-        stamp = bench.node.time.stamp
-        bench.wait_for(lambda: bench.node.time.stamp > stamp + 500_000_000, 'half a second')
-        assert not bench.node.time.paused
+        stamp = bench.node.stepper.stamp
+        bench.wait_for(lambda: bench.node.stepper.stamp > stamp + 500_000_000, 'half a second')
+        assert not bench.node.stepper.paused
 
 
 def test_a_reset_in_real_time_publishes_the_initial_state_and_forgets_the_commands(probe):
@@ -220,13 +220,13 @@ def test_a_command_that_waits_to_be_read_at_a_reset_is_forgotten_too(probe):
     with Bench(probe, Plant, mode='realtime', initial_attitudes=start,
                command_timeout=100.0) as bench:
         plant = bench.node
-        bench.wait_for(lambda: plant.time.steps, 'a step')
-        waiting = [cdr.twist_stamped('agent_1').encode(plant.time.stamp, 0, 0, 0, 0, 1.0, 0)]
+        bench.wait_for(lambda: plant.stepper.steps, 'a step')
+        waiting = [cdr.twist_stamped('agent_1').encode(plant.stepper.stamp, 0, 0, 0, 0, 1.0, 0)]
         plant._commands[0] = (
             lambda: (waiting.pop(), {}) if waiting else None, plant._commands[0][1])
         plant.reset()
-        steps = plant.time.steps
-        bench.wait_for(lambda: plant.time.steps > steps, 'a step')
+        steps = plant.stepper.steps
+        bench.wait_for(lambda: plant.stepper.steps > steps, 'a step')
         assert not waiting
         assert not plant.health.rejected
         assert np.all(np.array(plant.bodies.attitudes) == np.array(start).reshape(4, 4))
@@ -247,11 +247,11 @@ def test_the_plant_in_real_time_holds_an_agent_still_when_its_command_is_old(pro
         bench.wait_for(probe.stamp, 'a state')
         stamp = probe.received['formation/attitudes'][-1].header.stamp
         publisher.publish(command([0.0, 0.0, 1.0], frame='agent_2', stamp=stamp))
-        bench.wait_for(lambda: bench.node.time._rates[1] != (0.0, 0.0, 0.0), 'the command')
-        since = bench.node.time.stamp
-        bench.wait_for(lambda: bench.node.time.stamp > since + 300_000_000, 'the time-out')
+        bench.wait_for(lambda: bench.node.stepper._rates[1] != (0.0, 0.0, 0.0), 'the command')
+        since = bench.node.stepper.stamp
+        bench.wait_for(lambda: bench.node.stepper.stamp > since + 300_000_000, 'the time-out')
         still = bench.node.bodies.attitudes[1]
-        bench.wait_for(lambda: bench.node.time.stamp > since + 500_000_000, 'more time')
+        bench.wait_for(lambda: bench.node.stepper.stamp > since + 500_000_000, 'more time')
         assert bench.node.bodies.attitudes[1] == still
         assert 'agent_2' in bench.node.assess()[1]
 

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     )
     from tetra_ros2.formation.shapes import known_shape, Shape
     from tetra_ros2.formation.stability import Equilibrium
-    from tetra_ros2.formation.targets import polyhedron, ring
     from tetra_ros2.formation.topology import complete, custom, rotating, Topology
 
 __all__ = [
@@ -57,8 +56,6 @@ __all__ = [
     'complete',
     'custom',
     'known_shape',
-    'polyhedron',
-    'ring',
     'rotating',
 ]
 
@@ -69,7 +66,6 @@ _HOMES = {
     'gain': ('Cosine', 'Exponential', 'Gain', 'Gaussian', 'Linear', 'Rational'),
     'shapes': ('Shape', 'known_shape'),
     'stability': ('Equilibrium',),
-    'targets': ('polyhedron', 'ring'),
     'topology': ('Topology', 'complete', 'custom', 'rotating'),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tetra_ros2.formation._types import Array
+
 Rate = Callable[[Array], Array]
 
 # For each stage the earlier stages and their factors; then the same for the step and for its two
@@ -122,8 +122,7 @@ class Step:
 
 def _combine(start: Array | float, slopes: list[Array], row: tuple[tuple[int, float], ...],
              h: float) -> Array:
-    total: Array = start + h * sum(factor * slopes[source] for source, factor in row)
-    return total
+    return start + h * sum((factor * slopes[source] for source, factor in row), np.zeros(()))
 
 
 def steps(rate: Rate, start: Array, tolerance: float, restore: Rate, first: float,

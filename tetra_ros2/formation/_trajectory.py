@@ -10,15 +10,14 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import flow, measures, rotation, shapes
+from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.simulation import SampledLoop
 
 if TYPE_CHECKING:
     from tetra_ros2.formation._formation import Formation
-
-Array = NDArray[np.float64]
 
 UNIT_TOLERANCE = 1e-3
 """How far from 1 the length of what a user gave may be."""
@@ -50,15 +49,13 @@ class Trajectory:
         """
         Return the largest distance of a pairwise angle from the known shape's [rad], ``(k,)``.
 
-        Agents count as exchanged where the graph allows it.
-
         :raises ValueError: if no shape is known for the topology
         """
         shape = self.formation.shape
         if shape is None:
             raise ValueError(
                 'no shape is known for this topology; compare angles with what you expect')
-        return shapes.admissible_angles(self.formation.topology).errors(self.reduced_attitudes)
+        return measures.shape_error(self.reduced_attitudes, shape.angles)
 
     def time_to_form(self, tolerance: float = 1e-3) -> float | None:
         """
@@ -79,8 +76,8 @@ class Trajectory:
         """
         if len(self.times) < 2:
             raise ValueError('one sample does not tell how the formation turns')
-        return measures.mean_angular_velocity(
-            *self.reduced_attitudes[-2:], self.times[-1] - self.times[-2])
+        before, after = self.reduced_attitudes[-2:]
+        return measures.mean_angular_velocity(before, after, self.times[-1] - self.times[-2])
 
     def predicted_spin(self) -> Array:
         """
@@ -88,10 +85,10 @@ class Trajectory:
 
         It is evaluated at the ideal shape, laid over the last sample.
 
-        :raises ValueError: if no shape is known for the topology
+        :raises ValueError: if the known shape is not the tetrahedron
         """
-        if self.formation.shape is None:
-            raise ValueError('no shape is known for this topology, so no spin is predicted')
+        if self.formation.shape is not shapes.TETRAHEDRON:
+            raise ValueError('only the spin of the tetrahedron is predicted')
         return shapes.predicted_angular_velocity(
             self.reduced_attitudes[-1], self.formation.topology, self.formation.gain)
 
@@ -131,7 +128,7 @@ def simulate(formation: Formation, initial: ArrayLike | None, seed: int | None,
     h = round(1e9 / rate) / 1e9
     if h == 0.0:
         raise ValueError(f'rate must be 1e9 Hz at most, not {rate!r}')
-    times = h * np.arange(round(duration / h) + 1)
+    times = h * np.arange(round(duration / h) + 1, dtype=float)
     if continuous:
         kept = flow.attitudes(attitudes, axes, formation.topology.weights, formation.gain, times)
         return Trajectory(formation, times, kept, rotation.rotate(kept, axes))

@@ -14,22 +14,23 @@ from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tetra_ros2.formation import law, measures, sphere
+from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Gain
 
-Array = NDArray[np.float64]
 Run = Callable[..., tuple[NDArray[np.int64], Array]]
+F = TypeVar('F', bound=Callable[..., Any])
 
 NEVER = -1
 """Where there would be the number of a step: the start did not form."""
 
 
-def advance(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: float) -> Array:
+def advance(gamma: Array, weights: Array, gain: Gain, h: float) -> Array:
     """
     Return the reduced attitudes one step of the sampled loop later.
 
@@ -41,9 +42,8 @@ def advance(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: float) -> Array
     return sphere.exp(gamma, h * law.velocity(gamma, weights, gain))
 
 
-def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, target_angles: ArrayLike,
-        tolerance: float, h: float, longest: int, hold: int,
-        labelled: bool = False) -> tuple[NDArray[np.int64], Array]:
+def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, target_angles: Array,
+        tolerance: float, h: float, longest: int, hold: int) -> tuple[NDArray[np.int64], Array]:
     """
     Run every start until it has formed, or for so many steps.
 
@@ -53,22 +53,18 @@ def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, target_angles: ArrayLi
     :param gamma: reduced attitudes at the start, ``(m, n, 3)``
     :param weights: ``(n, n)``
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
-    :param target_angles: the shape's pairwise angles [rad] in ascending order, which those of a
-        start are compared with in ascending order; if ``labelled``, that of each pair
+    :param target_angles: the shape's pairwise angles [rad] in ascending order
     :param tolerance: on each of them [rad]
     :param h: length of a step [s]
     :param longest: how many steps at most
     :param hold: for how many steps the error must stay below the tolerance
-    :param labelled: whether each pair has an angle of its own, for i < j in lexicographic order
     :returns: the step at which each formed or NEVER, ``(m,)``, and the last reduced attitudes
     """
     gamma, weights = np.array(gamma, dtype=float), np.asarray(weights, dtype=float)
     formed = np.full(len(gamma), NEVER)
     active = np.arange(len(gamma))
     for step in range(longest + 1):
-        angles = measures.pairwise_angles(gamma[active])
-        angles = angles if labelled else np.sort(angles, axis=-1)
-        good = np.max(np.abs(angles - target_angles), axis=-1) <= tolerance
+        good = measures.shape_error(gamma[active], target_angles) <= tolerance
         since = formed[active]
         formed[active] = np.where(good, np.where(since == NEVER, step, since), NEVER)
         done = good & (step - formed[active] >= hold)
@@ -79,7 +75,7 @@ def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, target_angles: ArrayLi
     return formed, gamma
 
 
-def fastest(gain: Gain, n: int, labelled: bool = False) -> Run:
+def fastest(gain: Gain, n: int) -> Run:
     """
     Return the fastest there is: what :func:`compiled` returns, or else :func:`run`.
 
@@ -88,7 +84,6 @@ def fastest(gain: Gain, n: int, labelled: bool = False) -> Run:
 
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :param n: number of agents
-    :param labelled: as :func:`run` will be told
     """
     try:
         import numba  # it is optional
@@ -98,7 +93,7 @@ def fastest(gain: Gain, n: int, labelled: bool = False) -> Run:
         made = compiled(gain)
         # It compiles here; no step is taken.
         made(np.tile([1.0, 0.0, 0.0], (1, n, 1)), np.zeros((n, n)), gain,
-             np.zeros(n * (n - 1) // 2), 1e-3, 1.0, 0, 0, labelled)
+             np.zeros(n * (n - 1) // 2), 1e-3, 1.0, 0, 0)
     except numba.core.errors.NumbaError:
         return run
     return made
@@ -114,21 +109,31 @@ def compiled(gain: Gain) -> Run:
     """
     def run_compiled(gamma: ArrayLike, weights: ArrayLike, gain: Gain,
                      target_angles: ArrayLike, tolerance: float, h: float, longest: int,
-                     hold: int, labelled: bool = False) -> tuple[NDArray[np.int64], Array]:
+                     hold: int) -> tuple[NDArray[np.int64], Array]:
         weights = np.array(weights, dtype=float)
-        kernel = _kernel(type(gain), len(weights), labelled)
+        kernel = _kernel(type(gain), len(weights))
         # Comparing cosines saves the arc tangents. Ascending angles have descending cosines.
         targets = np.asarray(target_angles)
         least = np.where(targets + tolerance < math.pi, np.cos(targets + tolerance), -2.0)
         most = np.where(targets > tolerance, np.cos(targets - tolerance), 2.0)
         gamma = np.array(gamma, dtype=float)
         formed = np.full(len(gamma), NEVER)
-        step = 1 if labelled else -1
-        kernel(gamma, weights, parameters_of(gain), least[::step].copy(),
-               most[::step].copy(), h, longest, hold, formed)
+        kernel(gamma, weights, parameters_of(gain), least[::-1].copy(),
+               most[::-1].copy(), h, longest, hold, formed)
         return formed, gamma
 
     return run_compiled
+
+
+def compiler(**options: Any) -> Callable[[F], F]:
+    """
+    Return numba's decorator, typed.
+
+    :raises ModuleNotFoundError: if numba is not installed
+    """
+    import numba  # it is optional
+    decorator: Callable[[F], F] = numba.njit(**options)
+    return decorator
 
 
 def parameters_of(gain: Gain) -> Any:
@@ -142,23 +147,23 @@ def _tuple_type(family: type[Gain]) -> Any:
 
 
 @cache
-def _kernel(family: type[Gain], n: int, labelled: bool) -> Any:
+def _kernel(family: type[Gain], n: int) -> Any:
     # A constant n lets the compiler unroll the loops over agents.
-    from numba import njit  # numba is optional
 
+    of_cosine: Any
     if family.of_cosine is Gain.of_cosine:
-        f = njit(family.f)
+        f = compiler()(family.f)
 
-        @njit
-        def of_cosine(parameters, cosine):
+        @compiler()
+        def of_cosine(parameters: Any, cosine: float) -> Any:
             return f(parameters, math.acos(min(max(cosine, -1.0), 1.0)))
     else:
-        of_cosine = njit(family.of_cosine)
+        of_cosine = compiler()(family.of_cosine)
 
     m = n * (n - 1) // 2
 
-    @njit
-    def has_formed(cosines, least, most, order):
+    @compiler()
+    def has_formed(cosines: Array, least: Array, most: Array, order: Array) -> bool:
         """Return whether the cosines, in ascending order, lie between their bounds."""
         # The largest cosine alone tells most of those that are not there yet.
         largest = -2.0
@@ -178,8 +183,9 @@ def _kernel(family: type[Gain], n: int, labelled: bool) -> Any:
                 return False
         return True
 
-    @njit
-    def kernel(starts, weights, parameters, least, most, h, longest, hold, formed):
+    @compiler()
+    def kernel(starts: Array, weights: Array, parameters: Any, least: Array, most: Array,
+               h: float, longest: int, hold: int, formed: NDArray[np.int64]) -> None:
         cosines, order = np.empty(m), np.empty(m)
         pull = np.empty((n, 3))
         for start in range(len(starts)):
@@ -189,25 +195,19 @@ def _kernel(family: type[Gain], n: int, labelled: bool) -> Any:
             while True:
                 pair = 0
                 pull[:] = 0.0
-                near = True
                 for i in range(n):
                     for j in range(i + 1, n):
-                        edge = weights[i, j] != 0.0 or weights[j, i] != 0.0
-                        # Far from its shape, a start is told by its first pairs.
-                        if edge or near:
-                            c = (gamma[i, 0] * gamma[j, 0] + gamma[i, 1] * gamma[j, 1]
-                                 + gamma[i, 2] * gamma[j, 2])
-                            cosines[pair] = c
-                            if labelled:
-                                near = near and least[pair] <= c <= most[pair]
+                        c = (gamma[i, 0] * gamma[j, 0] + gamma[i, 1] * gamma[j, 1]
+                             + gamma[i, 2] * gamma[j, 2])
+                        cosines[pair] = c
                         pair += 1
-                        if edge:
+                        if weights[i, j] != 0.0 or weights[j, i] != 0.0:
                             f = of_cosine(parameters, c)
                             there, back = weights[i, j] * f, weights[j, i] * f
                             for a in range(3):
                                 pull[i, a] += there * gamma[j, a]
                                 pull[j, a] += back * gamma[i, a]
-                if near and (labelled or has_formed(cosines, least, most, order)):
+                if has_formed(cosines, least, most, order):
                     if since == NEVER:
                         since = step
                     if step - since >= hold:

@@ -3,7 +3,10 @@
 
 """The rigid bodies, in plain floats: the plant's state, its exact step, what each sees."""
 
+from collections.abc import Iterable
 import math
+
+from tetra_ros2.formation._types import Matrix, Quaternion, Vector
 
 RENORMALIZE_BEYOND = 1e-14
 """How far the squared length of a quaternion may leave 1 by rounding before it is brought back."""
@@ -17,15 +20,18 @@ class RigidBodies:
     :param axes: pointing axes in the body frames, unit vectors (x, y, z), n of them
     """
 
-    def __init__(self, attitudes, axes):
-        self.attitudes = [tuple(map(float, q)) for q in attitudes]
-        self.axes = tuple(tuple(map(float, b)) for b in axes)
-        self._matrices = [None] * len(self.axes)  # columns of R_i, nine numbers
-        self.reduced = [None] * len(self.axes)  # Gamma_i = R_i b_i
+    def __init__(self, attitudes: Iterable[Iterable[float]],
+                 axes: Iterable[Iterable[float]]) -> None:
+        self.attitudes: list[Quaternion] = [
+            (x, y, z, w) for x, y, z, w in (map(float, q) for q in attitudes)]
+        self.axes: tuple[Vector, ...] = tuple(
+            (x, y, z) for x, y, z in (map(float, b) for b in axes))
+        self._matrices: list[Matrix] = [(0.0,) * 9] * len(self.axes)  # of R_i
+        self.reduced: list[Vector] = [(0.0,) * 3] * len(self.axes)  # Gamma_i = R_i b_i
         for i in range(len(self.axes)):
             self._refresh(i, *self.attitudes[i])
 
-    def step(self, h, rates):
+    def step(self, h: float, rates: Iterable[Vector]) -> None:
         """
         Turn every body for a time ``h`` [s] at a constant rate: ``R_i <- R_i exp(h w_i^)``.
 
@@ -56,7 +62,7 @@ class RigidBodies:
             self.attitudes[i] = (x, y, z, w)
             self._refresh(i, x, y, z, w)
 
-    def _refresh(self, i, x, y, z, w):
+    def _refresh(self, i: int, x: float, y: float, z: float, w: float) -> None:
         """Recompute what follows from the attitude of body i, counted from 0."""
         x2, y2, z2 = x + x, y + y, z + z
         xx, yy, zz = x * x2, y * y2, z * z2
@@ -71,7 +77,7 @@ class RigidBodies:
                            m[1] * bx + m[4] * by + m[7] * bz,
                            m[2] * bx + m[5] * by + m[8] * bz)
 
-    def seen_by(self, i, others):
+    def seen_by(self, i: int, others: Iterable[int]) -> list[Vector]:
         """
         Return what body i sees: ``y_ij = R_i^T R_j b_j`` for each j of ``others``.
 

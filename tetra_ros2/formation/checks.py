@@ -24,20 +24,20 @@ class Rejected(Exception):
     TOO_FAST = 'faster than max_angular_velocity'
 
 
-def require_unit(x, y, z):
+def require_unit(x: float, y: float, z: float) -> None:
     """Raise Rejected unless (x, y, z) is a unit vector, to within UNIT_TOLERANCE."""
     # A NaN makes every comparison false, so that one test on the good path sees all there is.
     if not SHORTEST <= x * x + y * y + z * z <= LONGEST:
         refuse_direction(x, y, z)
 
 
-def refuse_direction(x, y, z):
+def refuse_direction(x: float, y: float, z: float) -> None:
     """Raise Rejected for a vector that is not a unit vector, with the reason."""
     finite = all(map(math.isfinite, (x, y, z)))
     raise Rejected(Rejected.NOT_UNIT if finite else Rejected.NOT_FINITE)
 
 
-def require_rate(x, y, z, limit):
+def require_rate(x: float, y: float, z: float, limit: float) -> None:
     """Raise Rejected unless (x, y, z) [rad/s] is finite and not longer than ``limit``."""
     if not x * x + y * y + z * z <= limit * limit:
         finite = all(map(math.isfinite, (x, y, z)))

@@ -3,9 +3,13 @@
 
 """One agent, in plain floats: what it does with what it sees."""
 
+from collections.abc import Iterable
 import math
+from typing import Any
 
+from tetra_ros2.formation._types import Vector
 from tetra_ros2.formation.checks import LONGEST, refuse_direction, Rejected, SHORTEST
+from tetra_ros2.formation.gain import Gain
 
 NEVER = -math.inf
 
@@ -25,19 +29,20 @@ class Controller:
     :ivar received: how many measurements were taken
     """
 
-    def __init__(self, axis, weights, gain):
-        self.axis = tuple(axis)
+    def __init__(self, axis: Iterable[float], weights: Iterable[float], gain: Gain) -> None:
+        x, y, z = axis
+        self.axis: Vector = x, y, z
         self.weights = tuple(weights)
         self.gain = gain
         self.stamp = 0  # of the newest measurement seen [ns]
         self.received = 0
         self.heard_at = [NEVER] * len(self.weights)
-        self._seen = [None] * len(self.weights)
+        self._seen: list[Any] = [None] * len(self.weights)  # a Vector, once there is one
         self._stamps = [0] * len(self.weights)
         self._all = (1 << len(self.weights)) - 1
         self._missing = self._all  # the slots from which the round still waits, one bit each
 
-    def receive(self, slot, stamp, seen, now):
+    def receive(self, slot: int, stamp: int, seen: Vector, now: float) -> Vector | None:
         """
         Take a measurement; return the angular velocity if it completes a round, otherwise None.
 
@@ -69,7 +74,7 @@ class Controller:
         self._missing = self._all
         return self.angular_velocity()
 
-    def angular_velocity(self):
+    def angular_velocity(self) -> Vector:
         """
         Return ``-sum_j W(i, j) f(theta_ij) b_i x y_ij`` [rad/s] in the body frame; eq:RF:Control.
 
@@ -91,20 +96,20 @@ class Controller:
         return y * bz - z * by, z * bx - x * bz, x * by - y * bx
 
     @property
-    def complete(self):
+    def complete(self) -> bool:
         """Return whether there is a measurement of every neighbour."""
         return None not in self._seen
 
     @property
-    def oldest_stamp(self):
+    def oldest_stamp(self) -> int:
         """Return the stamp of the oldest measurement in use [ns]."""
         return min(self._stamps, default=0)
 
-    def unseen(self):
+    def unseen(self) -> list[int]:
         """Return the slots of the neighbours of which there is no measurement."""
         return [slot for slot, seen in enumerate(self._seen) if seen is None]
 
-    def forget(self, before=math.inf):
+    def forget(self, before: float = math.inf) -> None:
         """
         Forget the measurements of neighbours not heard since: what they say next is welcome.
 

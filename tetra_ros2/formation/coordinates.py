@@ -13,8 +13,11 @@ plane of Gamma_1 and Gamma_2 have the same xi. The inverse here therefore asks f
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import measures, sphere
+from tetra_ros2.formation._types import Array
+from tetra_ros2.formation.gain import Gain
 
 NORTH = np.array([0.0, 0.0, 1.0])
 
@@ -23,7 +26,7 @@ POLE = 1e-12
 axis means nothing there, and is 0 by definition."""
 
 
-def angles(gamma):
+def angles(gamma: ArrayLike) -> tuple[Array, Array]:
     """
     Return the roll-pitch-yaw angles of reduced attitudes; the inverse of :func:`from_angles`.
 
@@ -39,14 +42,15 @@ def angles(gamma):
     return np.arctan2(z, equatorial), np.where(equatorial > POLE, np.arctan2(y, x), 0.0)
 
 
-def from_angles(phi, psi):
+def from_angles(phi: ArrayLike, psi: Array) -> Array:
     """Return the reduced attitudes of roll-pitch-yaw angles [rad], ``(..., 3)``; eq:pre:RPY."""
     phi, psi = np.broadcast_arrays(np.asarray(phi, dtype=float), psi)
     return np.stack([
         np.cos(psi) * np.cos(phi), np.sin(psi) * np.cos(phi), np.sin(phi)], axis=-1)
 
 
-def angle_velocity(phi, psi, weights, gain):
+def angle_velocity(phi: ArrayLike, psi: ArrayLike, weights: Array,
+                   gain: Gain) -> tuple[Array, Array]:
     """
     Return the closed loop in roll-pitch-yaw angles; eq:PF:ClosedSysRPY1 and 2.
 
@@ -69,7 +73,7 @@ def angle_velocity(phi, psi, weights, gain):
     return phi_rate, psi_rate
 
 
-def about_z(angle):
+def about_z(angle: Array) -> Array:
     """Return the rotation matrices about Z, R1(gamma) and R3(psi_1) of eq:SF:rotMatrix."""
     c, s = np.cos(angle), np.sin(angle)
     zero, one = np.zeros_like(c), np.ones_like(c)
@@ -77,7 +81,7 @@ def about_z(angle):
                      np.stack([zero, zero, one], axis=-1)], axis=-2)
 
 
-def tilt(phi):
+def tilt(phi: Array) -> Array:
     """Return R2(phi) of eq:SF:rotMatrix: about Y through pi/2 - phi, so north comes to phi."""
     s, c = np.sin(phi), np.cos(phi)
     zero, one = np.zeros_like(c), np.ones_like(c)
@@ -85,7 +89,7 @@ def tilt(phi):
                      np.stack([-c, zero, s], axis=-1)], axis=-2)
 
 
-def attitude(xi_c):
+def attitude(xi_c: ArrayLike) -> Array:
     """
     Return ``R3(psi_1) R2(phi_1) R1(gamma)``, which takes a normalised formation to the world.
 
@@ -96,7 +100,7 @@ def attitude(xi_c):
     return about_z(psi) @ tilt(phi) @ about_z(gamma)
 
 
-def absolute(gamma):
+def absolute(gamma: Array) -> Array:
     """
     Return ``xi_c = (phi_1, psi_1, gamma)`` [rad], ``(..., 3)``; eq:SF:newCoorTransPara.
 
@@ -113,7 +117,7 @@ def absolute(gamma):
     return np.stack([phi[..., 0], psi[..., 0], twist], axis=-1)
 
 
-def transform(gamma):
+def transform(gamma: Array) -> Array:
     """
     Return ``xi = Phi(Gamma)``: six cosines and three angles [rad]; eq:SF:newCoorTrans.
 
@@ -123,17 +127,18 @@ def transform(gamma):
     return np.concatenate([measures.pairwise_cosines(gamma), absolute(gamma)], axis=-1)
 
 
-def normalized(gamma):
+def normalized(gamma: ArrayLike) -> Array:
     """
     Return the formation with Gamma_1 at the north pole and Gamma_2 at y = 0, x >= 0.
 
     :param gamma: reduced attitudes, ``(..., n, 3)``
     :returns: ``(..., n, 3)``, of the same shape and chirality
     """
-    return np.asarray(gamma, dtype=float) @ attitude(absolute(gamma))
+    gamma = np.asarray(gamma, dtype=float)
+    return gamma @ attitude(absolute(gamma))
 
 
-def inverse(xi, chirality):
+def inverse(xi: ArrayLike, chirality: ArrayLike) -> Array:
     """
     Return the formation of given coordinates: ``inverse(transform(G), chirality(G)) == G``.
 
@@ -155,7 +160,7 @@ def inverse(xi, chirality):
     return normalized(shape) @ np.swapaxes(attitude(xi[..., 6:]), -1, -2)
 
 
-def cosine_matrix(cosines):
+def cosine_matrix(cosines: ArrayLike) -> Array:
     """
     Return the Gram matrix ``Gamma_i^T Gamma_j`` of pairwise cosines.
 
@@ -167,10 +172,11 @@ def cosine_matrix(cosines):
     matrix = np.broadcast_to(np.eye(n), (*cosines.shape[:-1], n, n)).copy()
     i, j = np.triu_indices(n, k=1)
     matrix[..., i, j] = matrix[..., j, i] = cosines
-    return matrix
+    result: Array = matrix
+    return result
 
 
-def gram_identity(cosines):
+def gram_identity(cosines: ArrayLike) -> Array:
     """
     Return the left side of the identity among six cosines, which is 1 on the sphere.
 
@@ -180,13 +186,14 @@ def gram_identity(cosines):
     :param cosines: xi_s, ``(..., 6)``
     """
     c12, c13, c14, c23, c24, c34 = np.moveaxis(np.asarray(cosines, dtype=float), -1, 0)
-    return (c12**2 + c13**2 + c14**2 + c23**2 + c24**2 + c34**2
+    result: Array = (c12**2 + c13**2 + c14**2 + c23**2 + c24**2 + c34**2
             - (c14 * c23)**2 - (c13 * c24)**2 - (c12 * c34)**2
             - 2.0 * (c12 * c13 * c23 + c23 * c24 * c34 + c13 * c14 * c34 + c12 * c14 * c24)
             + 2.0 * (c13 * c14 * c23 * c24 + c12 * c13 * c24 * c34 + c12 * c14 * c23 * c34))
+    return result
 
 
-def h(xi_s):
+def h(xi_s: Array) -> Array:
     """
     Return the matrix h of ``dxi_s/dt = h(xi_s) F(xi_s)``, complete graph; eq:SF:newCorDynf1Detial.
 
@@ -205,7 +212,7 @@ def h(xi_s):
     return matrix
 
 
-def cosine_velocity(cosines, weights, gain):
+def cosine_velocity(cosines: Array, weights: Array, gain: Gain) -> Array:
     """
     Return the closed dynamics of the cosines, any n and weights; eq:RF:newCorDynf1 written out.
 
@@ -220,7 +227,7 @@ def cosine_velocity(cosines, weights, gain):
     return _upper(_symmetric(_generator(c, weights * gain.of_cosine(c)) @ c))
 
 
-def cosine_jacobian(cosines, weights, gain):
+def cosine_jacobian(cosines: Array, weights: Array, gain: Gain) -> Array:
     """
     Return the derivative of :func:`cosine_velocity`, ``(m, m)`` [1/s]; eq:SF:proofCM.
 
@@ -235,22 +242,24 @@ def cosine_jacobian(cosines, weights, gain):
     change = cosine_matrix(np.eye(len(cosines))) - np.eye(len(c))
     generator_change = _generator(c, slope * change) + _diagonal(rate * change)
     changes = _symmetric(generator_change @ c + _generator(c, rate) @ change)
-    return _upper(changes).T
+    result: Array = _upper(changes).T
+    return result
 
 
-def _generator(c, rate):
+def _generator(c: Array, rate: Array) -> Array:
     """Return M such that ``dGamma/dt = M Gamma`` row by row: diagonal of sum rate c, less rate."""
     return _diagonal(rate * c) - rate
 
 
-def _diagonal(terms):
-    return np.sum(terms, axis=-1)[..., None] * np.eye(terms.shape[-1])
+def _diagonal(terms: Array) -> Array:
+    result: Array = np.sum(terms, axis=-1)[..., None] * np.eye(terms.shape[-1])
+    return result
 
 
-def _symmetric(matrix):
+def _symmetric(matrix: Array) -> Array:
     return matrix + np.swapaxes(matrix, -1, -2)
 
 
-def _upper(matrix):
+def _upper(matrix: Array) -> Array:
     i, j = np.triu_indices(matrix.shape[-1], k=1)
     return matrix[..., i, j]

@@ -12,11 +12,14 @@ blocks.
 """
 
 from collections import deque
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import law, rotation
 from tetra_ros2.formation._dop853 import (
@@ -24,10 +27,12 @@ from tetra_ros2.formation._dop853 import (
     SOLUTION,
     solve,
     STAGES,
+    Step,
     steps,
     THIRD_ERROR,
 )
-from tetra_ros2.formation.batch import parameters_of
+from tetra_ros2.formation._types import Array
+from tetra_ros2.formation.batch import compiler, parameters_of
 from tetra_ros2.formation.gain import Gain
 
 LANES = 8
@@ -43,13 +48,14 @@ TOLERANCE = 1e-10
 """On the estimated error of a step, for one formation."""
 
 
-def _first_step(weights, gain):
+def _first_step(weights: Array, gain: Gain) -> float:
     """Return a length of a step [s] that no start is too fast for."""
     fastest = float(np.max(np.sum(np.abs(weights), axis=1)) * gain.f(0.0))
     return 0.1 / fastest if fastest else 1.0
 
 
-def attitudes(start, axes, weights, gain, times, tolerance=TOLERANCE):
+def attitudes(start: ArrayLike, axes: Array, weights: Array, gain: Gain, times: ArrayLike,
+              tolerance: float = TOLERANCE) -> Array:
     """
     Return the attitudes of one formation, or of several side by side, in continuous time.
 
@@ -61,7 +67,7 @@ def attitudes(start, axes, weights, gain, times, tolerance=TOLERANCE):
     :param tolerance: on the estimated error of each step, the mean over the coordinates
     :returns: unit quaternions, ``(k, ..., n, 4)``
     """
-    def rate(q):
+    def rate(q: Array) -> Array:
         turn = law.world_angular_velocity(rotation.rotate(q, axes), weights, gain)
         # A rate in the world acts from the left: dR/dt = w^ R.
         return 0.5 * rotation.multiply(
@@ -71,7 +77,8 @@ def attitudes(start, axes, weights, gain, times, tolerance=TOLERANCE):
                  _unit, _first_step(weights, gain))
 
 
-def reduced_attitudes(start, weights, gain, times, tolerance=TOLERANCE):
+def reduced_attitudes(start: ArrayLike, weights: Array, gain: Gain, times: ArrayLike,
+                      tolerance: float = TOLERANCE) -> Array:
     """
     Return the reduced attitudes of one formation, or of several, in continuous time.
 
@@ -85,7 +92,7 @@ def reduced_attitudes(start, weights, gain, times, tolerance=TOLERANCE):
                  _unit, _first_step(weights, gain))
 
 
-def follow(start, weights, gain, tolerance):
+def follow(start: ArrayLike, weights: Array, gain: Gain, tolerance: float) -> Iterator[Step]:
     """
     Yield the accepted steps, without end, of the reduced attitudes of one formation.
 
@@ -95,11 +102,13 @@ def follow(start, weights, gain, tolerance):
                  np.asarray(start, dtype=float), tolerance, _unit, _first_step(weights, gain))
 
 
-def _unit(x):
-    return x / np.linalg.norm(x, axis=-1, keepdims=True)
+def _unit(x: Array) -> Array:
+    result: Array = x / np.linalg.norm(x, axis=-1, keepdims=True)
+    return result
 
 
-def run(gamma, weights, gain, duration, tolerance, threads=1):
+def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, duration: float, tolerance: float,
+        threads: int = 1) -> Array:
     """
     Return where the reduced attitudes are after some time.
 
@@ -119,7 +128,7 @@ def run(gamma, weights, gain, duration, tolerance, threads=1):
     arguments = weights, parameters_of(gain), duration, tolerance
     end = np.empty((m, n, 3))
 
-    def follow(first):
+    def follow_task(first: int) -> None:
         starts = gamma[first:first + TASK]
         # The last block is filled up with copies of its last start.
         lanes = np.minimum(np.arange(-(-len(starts) // LANES) * LANES), len(starts) - 1)
@@ -130,13 +139,13 @@ def run(gamma, weights, gain, duration, tolerance, threads=1):
 
     tasks = deque(range(0, m, TASK))
 
-    def work():
+    def work() -> None:
         while True:
             try:
                 first = tasks.popleft()
             except IndexError:
                 return
-            follow(first)
+            follow_task(first)
 
     kernel(np.empty((0, n, 3, LANES)), *arguments)  # it compiles here, once, in no other thread
     with ThreadPoolExecutor(max(threads - 1, 1)) as executor:
@@ -149,23 +158,23 @@ def run(gamma, weights, gain, duration, tolerance, threads=1):
 
 
 @cache
-def _kernel(family, n):
+def _kernel(family: type[Gain], n: int) -> Any:
     # Constant n and LANES let the compiler unroll one loop and use vectors for the other.
-    from numba import njit
     # Sums may be taken in another order; what is infinite or not a number stays what it is.
-    compiled = njit(error_model='numpy', nogil=True,
-                    fastmath={'contract', 'reassoc', 'nsz', 'arcp'})
+    options = {'error_model': 'numpy', 'nogil': True,
+               'fastmath': {'contract', 'reassoc', 'nsz', 'arcp'}}
+    of_cosine: Any
     if family.of_cosine is Gain.of_cosine:
-        f = njit(family.f)
+        f = compiler()(family.f)
 
-        @compiled
-        def of_cosine(parameters, cosine):
+        @compiler(**options)
+        def of_cosine(parameters: Any, cosine: float) -> Any:
             return f(parameters, math.acos(min(max(cosine, -1.0), 1.0)))
     else:
-        of_cosine = njit(family.of_cosine)
+        of_cosine = compiler()(family.of_cosine)
 
-    @compiled
-    def velocity(gamma, weights, parameters, out):
+    @compiler(**options)
+    def velocity(gamma: Array, weights: Array, parameters: Any, out: Array) -> None:
         for i in range(n):
             for a in range(3):
                 for lane in range(LANES):
@@ -192,8 +201,8 @@ def _kernel(family, n):
     sources = np.array([[*(r for r, _ in stage), *[0] * (12 - len(stage))] for stage in TABLE])
     factors = np.array([[*(c for _, c in stage), *[0.0] * (12 - len(stage))] for stage in TABLE])
 
-    @compiled
-    def combine(start, slopes, stage, h, out):
+    @compiler(**options)
+    def combine(start: Array, slopes: Array, stage: int, h: float, out: Array) -> None:
         for i in range(n):
             for a in range(3):
                 for lane in range(LANES):
@@ -205,8 +214,8 @@ def _kernel(family, n):
                     for lane in range(LANES):
                         out[i, a, lane] += factor * slope[i, a, lane]
 
-    @compiled
-    def largest_error(fifth, third, h):
+    @compiler(**options)
+    def largest_error(fifth: Array, third: Array, h: float) -> float:
         largest = 0.0
         for lane in range(LANES):
             five = three = 0.0
@@ -218,8 +227,9 @@ def _kernel(family, n):
                 largest = max(largest, h * five / math.sqrt((five + 0.01 * three) * 3 * n))
         return largest
 
-    @compiled
-    def kernel(blocks, weights, parameters, duration, tolerance):
+    @compiler(**options)
+    def kernel(blocks: Array, weights: Array, parameters: Any, duration: float,
+               tolerance: float) -> None:
         slopes, point = np.empty((12, n, 3, LANES)), np.empty((n, 3, LANES))
         fifth, third = np.empty((n, 3, LANES)), np.empty((n, 3, LANES))
         nothing = np.zeros((n, 3, LANES))

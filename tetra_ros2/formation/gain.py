@@ -29,9 +29,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from tetra_ros2.formation._types import Array
 
 
 @dataclass(frozen=True)

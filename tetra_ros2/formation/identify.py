@@ -10,12 +10,14 @@ nothing over is the right one. Only the product ``W(i, j) f`` shows in a motion:
 weight is 1, as in the paper's graphs.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import sphere
+from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.topology import Topology
 
 TOLERANCE = 1e-3
@@ -43,12 +45,13 @@ class Identified:
     residual: float
 
     @property
-    def rounded(self):
+    def rounded(self) -> Topology:
         """Return the topology with its weights rounded to what one would write down."""
         return Topology('custom', np.round(self.topology.weights, 7))
 
 
-def identify(gamma, rates, edges):
+def identify(gamma: Array, rates: Array,
+             edges: Sequence[tuple[int, int]]) -> Identified | None:
     """
     Return the law that a formation obeyed, or None if no family of gains explains its commands.
 
@@ -74,13 +77,14 @@ def identify(gamma, rates, edges):
     return best if best is not None and best.residual < TOLERANCE else None
 
 
-def _shapes(family, gamma, rates, edges):
+def _shapes(family: type[gains.Gain], gamma: Array, rates: Array,
+            edges: Sequence[tuple[int, int]]) -> Iterator[float]:
     """Yield the shape parameter b that explains the commands best, for families that have one."""
     theta = np.linspace(0.1, 3.0, 5)
     if np.array_equal(family(1.0, 1.0).f(theta), family(1.0, 0.9).f(theta)):
         return
 
-    def residual(logarithm):
+    def residual(logarithm: float) -> float:
         found = _fit(family, float(np.exp(logarithm)), gamma, rates, edges)
         return np.inf if found is None else found.residual
 
@@ -97,7 +101,8 @@ def _shapes(family, gamma, rates, edges):
     yield float(np.exp(0.5 * (low + high)))
 
 
-def _fit(family, b, gamma, rates, edges):
+def _fit(family: type[gains.Gain], b: float, gamma: Array, rates: Array,
+         edges: Sequence[tuple[int, int]]) -> Identified | None:
     """Return the law of a family and a shape that explains the commands best, or None."""
     try:
         unit = family(1.0, b)
@@ -105,13 +110,13 @@ def _fit(family, b, gamma, rates, edges):
         return None  # not a gain, for this b
     n = gamma.shape[1]
     products = np.zeros((n, n))
-    left = total = 0.0
+    left, total = 0.0, 0.0
     for i in range(n):
         seen = [j - 1 for a, j in edges if a == i + 1]
         target = rates[:, i].ravel()
-        total += target @ target
+        total += float(target @ target)
         if not seen:
-            left += target @ target
+            left += float(target @ target)
             continue
         own, others = gamma[:, i, None], gamma[:, seen]
         rate = unit.f(sphere.geodesic_distance(own, others))[..., None]
@@ -121,7 +126,7 @@ def _fit(family, b, gamma, rates, edges):
             return None  # the motion does not tell one neighbour from another
         products[i, seen] = solution
         rest = target - columns @ solution
-        left += rest @ rest
+        left += float(rest @ rest)
     a = float(np.max(np.abs(products)))
     if total == 0.0 or a == 0.0:
         return None

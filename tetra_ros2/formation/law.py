@@ -4,11 +4,15 @@
 """The control law and the closed loop, on arrays."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import sphere
+from tetra_ros2.formation._types import Array
+from tetra_ros2.formation.gain import Gain
 
 
-def angular_velocity(pointing, seen, weights, gain):
+def angular_velocity(pointing: ArrayLike, seen: ArrayLike, weights: Array,
+                     gain: Gain) -> Array:
     """
     Return what the law commands: ``w_i = -sum_j W(i, j) f(theta_ij) b_i x y_ij``; eq:RF:Control.
 
@@ -25,10 +29,11 @@ def angular_velocity(pointing, seen, weights, gain):
     pointing, seen = np.asarray(pointing)[..., None, :], np.asarray(seen)
     cross = np.cross(pointing, seen)
     theta = np.arctan2(np.linalg.norm(cross, axis=-1), np.sum(pointing * seen, axis=-1))
-    return -np.sum((weights * gain.f(theta))[..., None] * cross, axis=-2)
+    result: Array = -np.sum((weights * gain.f(theta))[..., None] * cross, axis=-2)
+    return result
 
 
-def world_angular_velocity(gamma, weights, gain):
+def world_angular_velocity(gamma: ArrayLike, weights: Array, gain: Gain) -> Array:
     """
     Return the law's angular velocities in the world frame [rad/s], ``(..., n, 3)``.
 
@@ -39,7 +44,7 @@ def world_angular_velocity(gamma, weights, gain):
     return angular_velocity(gamma, np.asarray(gamma)[..., None, :, :], weights, gain)
 
 
-def velocity(gamma, weights, gain):
+def velocity(gamma: ArrayLike, weights: Array, gain: Gain) -> Array:
     """
     Return the closed loop's right-hand side ``dGamma_i/dt``; eq:RF:ClosedSystem.
 

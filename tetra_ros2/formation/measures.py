@@ -6,23 +6,25 @@
 import itertools
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import rotation, sphere
+from tetra_ros2.formation._types import Array
 
 
-def pairs(n):
+def pairs(n: int) -> tuple[tuple[int, int], ...]:
     """Return the pairs (i, j) of agents with i < j in lexicographic order, from 1."""
     return tuple(itertools.combinations(range(1, n + 1), 2))
 
 
-def _ends(gamma):
+def _ends(gamma: ArrayLike) -> tuple[Array, Array]:
     """Return the two ends of all pairs, each of shape ``(..., n (n - 1) / 2, 3)``."""
     gamma = np.asarray(gamma, dtype=float)
     i, j = np.triu_indices(gamma.shape[-2], k=1)
     return gamma[..., i, :], gamma[..., j, :]
 
 
-def pairwise_cosines(gamma):
+def pairwise_cosines(gamma: Array) -> Array:
     """
     Return ``cos(theta_ij)`` for i < j in lexicographic order; for n = 4 the paper's xi_s.
 
@@ -30,15 +32,16 @@ def pairwise_cosines(gamma):
     :returns: ``(..., n (n - 1) / 2)``
     """
     first, second = _ends(gamma)
-    return np.sum(first * second, axis=-1)
+    result: Array = np.sum(first * second, axis=-1)
+    return result
 
 
-def pairwise_angles(gamma):
+def pairwise_angles(gamma: Array) -> Array:
     """Return ``theta_ij`` [rad] for i < j in lexicographic order, ``(..., n (n - 1) / 2)``."""
     return sphere.geodesic_distance(*_ends(gamma))
 
 
-def shape_error(gamma, target_angles):
+def shape_error(gamma: Array, target_angles: Array) -> Array:
     """
     Return the largest distance of a pairwise angle from the target [rad], ``(...)``.
 
@@ -48,10 +51,12 @@ def shape_error(gamma, target_angles):
     :param gamma: reduced attitudes, ``(..., n, 3)``
     :param target_angles: the target's pairwise angles [rad] in ascending order
     """
-    return np.max(np.abs(np.sort(pairwise_angles(gamma), axis=-1) - target_angles), axis=-1)
+    angles = np.sort(pairwise_angles(gamma), axis=-1)
+    error: Array = np.max(np.abs(angles - target_angles), axis=-1)
+    return error
 
 
-def chirality(gamma):
+def chirality(gamma: ArrayLike) -> Array:
     """
     Return the handedness of four points, ``(...)``: 1 or -1, and 0 where they are coplanar.
 
@@ -61,10 +66,11 @@ def chirality(gamma):
     :param gamma: reduced attitudes, ``(..., 4, 3)``
     """
     gamma = np.asarray(gamma, dtype=float)
-    return np.sign(np.linalg.det(gamma[..., 1:, :] - gamma[..., :1, :]))
+    result: Array = np.sign(np.linalg.det(gamma[..., 1:, :] - gamma[..., :1, :]))
+    return result
 
 
-def angular_velocity(gamma, velocity):
+def angular_velocity(gamma: ArrayLike, velocity: Array) -> Array:
     """
     Return the angular velocity [rad/s] of the formation as one rigid body, ``(..., 3)``.
 
@@ -78,10 +84,12 @@ def angular_velocity(gamma, velocity):
     outer = gamma[..., :, None] * gamma[..., None, :]
     inertia = np.sum(np.eye(3) - outer, axis=-3)
     momentum = np.sum(np.cross(gamma, velocity), axis=-2)
-    return np.einsum('...ij,...j->...i', np.linalg.pinv(inertia, hermitian=True), momentum)
+    inverse = np.linalg.pinv(inertia, hermitian=True)
+    spin: Array = np.einsum('...ij,...j->...i', inverse, momentum)
+    return spin
 
 
-def mean_angular_velocity(before, after, elapsed):
+def mean_angular_velocity(before: ArrayLike, after: Array, elapsed: float) -> Array:
     """
     Return the constant angular velocity [rad/s] that best takes one sample to the next.
 
@@ -92,8 +100,9 @@ def mean_angular_velocity(before, after, elapsed):
     :param elapsed: time between the two [s]
     :returns: in the world frame, ``(..., 3)``
     """
+    before = np.asarray(before, dtype=float)
     turn = rotation.align(before, after)
-    first = np.asarray(before, dtype=float)[..., 0, :]
+    first = before[..., 0, :]
     on_a_line = np.all(np.linalg.norm(
         np.cross(first[..., None, :], before), axis=-1) < 1e-9, axis=-1)
     shortest = rotation.between(first, rotation.rotate(turn, first))

@@ -3,13 +3,16 @@
 
 """One who watches a formation as it goes, in plain floats: how far it is, and since when."""
 
+from collections.abc import Sequence
 import math
 
 import numpy as np
 
 from tetra_ros2.formation import measures
+from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.checks import Rejected, require_unit
-from tetra_ros2.formation.shapes import admissible_angles, known_shape
+from tetra_ros2.formation.shapes import known_shape
+from tetra_ros2.formation.topology import Topology
 
 
 class Observer:
@@ -26,26 +29,29 @@ class Observer:
     :param fastest: the fastest rate that the law can command [rad/s]; may be changed at any time
     """
 
-    def __init__(self, topology, tolerance, fastest=1.0):
+    def __init__(self, topology: Topology, tolerance: float, fastest: float = 1.0) -> None:
         self.tolerance = tolerance
         self.shape = known_shape(topology)
         self.fastest = fastest
         self.pairs = measures.pairs(topology.n)
         self.count = 0  # samples seen
-        self.stamp = None  # of the last one [ns]
-        self.started_at = None  # stamp of the first one [ns]
-        self.formed_at = None  # since when the error has stayed below the tolerance [ns]
-        self.poses = self.previous_poses = None
-        self.previous_stamp = None
-        self.cosines = []
+        self.stamp: int | None = None  # of the last one [ns]
+        self.started_at: int | None = None  # stamp of the first one [ns]
+        # since when the error has stayed below the tolerance [ns]
+        self.formed_at: int | None = None
+        self.poses: Sequence[float] | None = None
+        self.previous_poses: Sequence[float] | None = None
+        self.previous_stamp: int | None = None
+        self.cosines: list[float] = []
         self.error = math.inf
         self._pairs = [(i - 1, j - 1) for i, j in self.pairs]
         self._starts = range(0, 7 * topology.n, 7)
-        # How far from the shape, agents exchanged where the graph allows it.
-        self._distance = None if self.shape is None else admissible_angles(topology).error
-        self._angles = None
+        self._targets = None if self.shape is None else self.shape.angles.tolist()
+        # The target's angles have no order where they differ; the pairs do where they do not.
+        self._sorted = self.shape is not None and np.ptp(self.shape.angles) > 1e-9
+        self._angles: list[float] | None = None
 
-    def observe(self, stamp, poses):
+    def observe(self, stamp: int, poses: Sequence[float]) -> bool:
         """
         Take a sample.
 
@@ -69,13 +75,15 @@ class Observer:
             cosines.append(cosine)
             angles.append(math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), cosine))
         self.cosines = cosines
-        if self._distance is not None:
-            self.error = self._distance(angles)
-        elif self._angles is not None:
+        if self._sorted:
+            angles.sort()
+        if self._targets is not None:
+            self.error = max([abs(a - b) for a, b in zip(angles, self._targets)])
+        elif self._angles is not None and self.stamp is not None:
             change = max([abs(a - b) for a, b in zip(angles, self._angles)])
             self.error = change / (stamp - self.stamp) * 1e9
         self._angles = angles
-        scale = self.fastest if self.shape is None else 1.0
+        scale = self.fastest if self._targets is None else 1.0
         if not self.error < self.tolerance * scale:
             self.formed_at = None
         elif self.formed_at is None:
@@ -88,28 +96,46 @@ class Observer:
         return True
 
     @property
-    def elapsed(self):
-        """Return the time from the first sample to the last [s]."""
+    def elapsed(self) -> float:
+        """
+        Return the time from the first sample to the last [s].
+
+        :raises ValueError: if there was none
+        """
+        if self.stamp is None or self.started_at is None:
+            raise ValueError('nothing has been observed')
         return (self.stamp - self.started_at) / 1e9
 
     @property
-    def time_to_form(self):
-        """Return the time from the first sample to the one since which it has formed [s]."""
-        return None if self.formed_at is None else (self.formed_at - self.started_at) / 1e9
+    def interval(self) -> float:
+        """
+        Return the time between the last two samples [s].
+
+        :raises ValueError: if there were no two
+        """
+        if self.stamp is None or self.previous_stamp is None:
+            raise ValueError('less than two samples have been observed')
+        return (self.stamp - self.previous_stamp) / 1e9
 
     @property
-    def reduced_attitudes(self):
+    def time_to_form(self) -> float | None:
+        """Return the time from the first sample to the one since which it has formed [s]."""
+        if self.formed_at is None or self.started_at is None:
+            return None
+        return (self.formed_at - self.started_at) / 1e9
+
+    @property
+    def reduced_attitudes(self) -> Array:
         """Return the last Gamma, ``(n, 3)``."""
         return np.array(self.poses).reshape(-1, 7)[:, :3]
 
     @property
-    def attitudes(self):
+    def attitudes(self) -> Array:
         """Return the last attitudes, unit quaternions ``(n, 4)``."""
         return np.array(self.poses).reshape(-1, 7)[:, 3:]
 
     @property
-    def angular_velocity(self):
+    def angular_velocity(self) -> Array:
         """Return the angular velocity of the formation between the last two samples [rad/s]."""
         before = np.array(self.previous_poses).reshape(-1, 7)[:, :3]
-        elapsed = (self.stamp - self.previous_stamp) / 1e9
-        return measures.mean_angular_velocity(before, self.reduced_attitudes, elapsed)
+        return measures.mean_angular_velocity(before, self.reduced_attitudes, self.interval)

@@ -55,15 +55,6 @@ SOLIDS = {
 }
 """The vertices P_i of each solid, unit vectors ``(n, 3)``; agent i is at ``[i - 1]``."""
 
-CLASS_WEIGHTS = {
-    'tetrahedron': (0.5,),
-    'octahedron': (1.0, 6.0),
-    'cube': (0.0, 1.0, 4.0),
-    'icosahedron': (0.0, 1.0, 3.0),
-    'dodecahedron': (0.0, 0.0, 0.6, 1.0, 2.0),
-}
-"""Recommended S_c, nearest class first; ``docs/polyhedra.md`` says of which gain."""
-
 AXES = ('vertex', 'edge', 'face')
 """The axes that have a name: of agent 1, of an edge of its, of a face of its."""
 
@@ -83,12 +74,16 @@ class DistanceClasses:
     @property
     def sizes(self) -> np.ndarray:
         """Return k_c, how many points are at each distance from the first, ``(m,)``."""
-        return np.sum(self.of_pair[0] == np.arange(len(self.angles))[:, None], axis=1)
+        sizes: np.ndarray = np.sum(
+            self.of_pair[0] == np.arange(len(self.angles))[:, None], axis=1)
+        return sizes
 
     @property
     def multiples(self) -> np.ndarray:
         """Return how many points are at each distance from each one, ``(n, m)``."""
-        return np.sum(self.of_pair[:, :, None] == np.arange(len(self.angles)), axis=1)
+        multiples: np.ndarray = np.sum(
+            self.of_pair[:, :, None] == np.arange(len(self.angles)), axis=1)
+        return multiples
 
 
 def distance_classes(points: np.ndarray) -> DistanceClasses:
@@ -107,7 +102,8 @@ def distance_classes(points: np.ndarray) -> DistanceClasses:
 def _tangential(points: np.ndarray) -> np.ndarray:
     """Return ``(I - P_i P_i^T) P_j``, ``(n, n, 3)``."""
     cosines = points @ points.T
-    return points[None, :, :] - cosines[:, :, None] * points[:, None, :]
+    result: np.ndarray = points[None, :, :] - cosines[:, :, None] * points[:, None, :]
+    return result
 
 
 def imbalance(points: np.ndarray) -> np.ndarray:
@@ -147,7 +143,9 @@ def anisotropy(points: np.ndarray) -> np.ndarray:
 
 def twist(points: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """Return ``e . (P_i x P_j)``, ``(n, n)``, antisymmetric."""
-    return np.einsum('a,ija->ij', axis, np.cross(points[:, None, :], points[None, :, :]))
+    products = np.cross(points[:, None, :], points[None, :, :])
+    twist: np.ndarray = np.einsum('a,ija->ij', axis, products)
+    return twist
 
 
 def weights(points: np.ndarray, class_weights: np.ndarray, axis: np.ndarray,

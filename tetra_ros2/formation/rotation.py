@@ -9,13 +9,15 @@ A quaternion ``q`` stands for the attitude ``R`` that takes body coordinates to 
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import sphere
+from tetra_ros2.formation._types import Array
 
 IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-def multiply(p, q):
+def multiply(p: ArrayLike, q: ArrayLike) -> Array:
     """Return the products of quaternions, ``(..., 4)``."""
     p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
     px, py, pz, pw = np.moveaxis(p, -1, 0)
@@ -28,12 +30,12 @@ def multiply(p, q):
     ], axis=-1)
 
 
-def inverse(q):
+def inverse(q: ArrayLike) -> Array:
     """Return the inverses of unit quaternions, ``(..., 4)``."""
     return np.asarray(q) * [-1.0, -1.0, -1.0, 1.0]
 
 
-def rotate(q, v):
+def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     """
     Rotate vectors: body to world coordinates if ``q`` is an attitude.
 
@@ -46,7 +48,7 @@ def rotate(q, v):
     return v + q[..., 3:] * t + np.cross(q[..., :3], t)
 
 
-def exp(w):
+def exp(w: ArrayLike) -> Array:
     """
     Return the rotation about ``w`` through the angle ``|w|``.
 
@@ -59,7 +61,7 @@ def exp(w):
     return np.concatenate([0.5 * np.sinc(half / np.pi) * w, np.cos(half)], axis=-1)
 
 
-def log(q):
+def log(q: ArrayLike) -> Array:
     """
     Return the shortest rotation vectors of unit quaternions; the inverse of ``exp`` below pi.
 
@@ -71,10 +73,12 @@ def log(q):
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, q[..., 3:])
     # angle / sine -> 2 as the angle vanishes
-    return q[..., :3] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+    ratio = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+    vector: Array = q[..., :3] * ratio
+    return vector
 
 
-def renormalize(q, tolerance=1e-14):
+def renormalize(q: ArrayLike, tolerance: float = 1e-14) -> Array:
     """
     Return ``q`` brought back to length one where it left it by more than ``tolerance``.
 
@@ -89,12 +93,12 @@ def renormalize(q, tolerance=1e-14):
     return np.where(np.abs(excess) > tolerance, q * (1.0 - 0.5 * excess), q)
 
 
-def to_matrix(q):
+def to_matrix(q: Array) -> Array:
     """Return the rotation matrices of unit quaternions, ``(..., 3, 3)``."""
     return np.stack([rotate(q, e) for e in np.eye(3)], axis=-1)
 
 
-def from_matrix(matrix):
+def from_matrix(matrix: ArrayLike) -> Array:
     """
     Return the unit quaternions of rotation matrices, with ``w >= 0``.
 
@@ -119,10 +123,11 @@ def from_matrix(matrix):
     best = np.argmax(np.linalg.norm(rows, axis=-1), axis=-1)
     q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.where(q[..., 3:] < 0.0, -q, q)
+    result: Array = np.where(q[..., 3:] < 0.0, -q, q)
+    return result
 
 
-def random(rng, shape=()):
+def random(rng: np.random.Generator, shape: int | tuple[int, ...] = ()) -> Array:
     """
     Draw attitudes uniformly on SO(3), so that every pointing axis is uniform on the sphere.
 
@@ -131,10 +136,11 @@ def random(rng, shape=()):
     :returns: unit quaternions, ``(*shape, 4)``
     """
     q = rng.standard_normal((*np.atleast_1d(shape).astype(int), 4))
-    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+    result: Array = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return result
 
 
-def between(x, y):
+def between(x: ArrayLike, y: ArrayLike) -> Array:
     """
     Return the shortest rotations that take unit vectors ``x`` to unit vectors ``y``.
 
@@ -155,7 +161,7 @@ def between(x, y):
     return exp(sphere.geodesic_distance(x, y)[..., None] * axis)
 
 
-def align(x, y):
+def align(x: ArrayLike, y: ArrayLike) -> Array:
     """
     Return the rotation that best takes the points ``x`` to the points ``y`` (Kabsch, Wahba).
 

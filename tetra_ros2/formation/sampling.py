@@ -15,9 +15,10 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import law, measures, rotation, sphere
+from tetra_ros2.formation._types import Array, Spectrum
 from tetra_ros2.formation.gain import Gain
 from tetra_ros2.formation.stability import (
     complement,
@@ -25,8 +26,6 @@ from tetra_ros2.formation.stability import (
     tangent_basis,
     transverse,
 )
-
-Array = NDArray[np.float64]
 
 STEP = 1e-5
 """Of central differences: their error of 1e-10 is far below what decides about stability."""
@@ -84,7 +83,7 @@ def max_delay_steps_at_rest(eigenvalues: ArrayLike, h: float) -> int:
 
 
 def floquet_multipliers_at_rest(eigenvalues: ArrayLike, h: float,
-                                delay_steps: int) -> NDArray[np.complex128]:
+                                delay_steps: int) -> Spectrum:
     """
     Return the slowest root of ``z^(d+1) = z^d + h lambda`` for each lambda, at rest.
 
@@ -93,7 +92,7 @@ def floquet_multipliers_at_rest(eigenvalues: ArrayLike, h: float,
     :param delay_steps: d
     """
     slowest = []
-    for eigenvalue in np.unique(np.round(eigenvalues, 12)):
+    for eigenvalue in np.unique(np.round(np.asarray(eigenvalues), 12)):
         coefficients = np.zeros(delay_steps + 2, dtype=complex)
         coefficients[0] = 1.0
         coefficients[1] -= 1.0
@@ -155,7 +154,7 @@ class SampledEquilibrium:
         across = complement(symmetries)
         return across.T @ matrix @ across, across
 
-    def floquet_multipliers(self) -> NDArray[np.complex128]:
+    def floquet_multipliers(self) -> Spectrum:
         """Return by what each mode of the shape is multiplied in a step, the slowest first."""
         values = np.linalg.eigvals(self._history_matrix()[0])
         return values[np.argsort(-np.abs(values))]
@@ -180,12 +179,13 @@ class SampledEquilibrium:
         m, n = len(self.at_once), len(self.attitudes)
         whole = self.h * float(np.linalg.norm(self.spin))
 
-        def phase(phi: Array) -> NDArray[np.complex128]:
+        def phase(phi: Array) -> Spectrum:
             z = np.exp(1j * phi)
             late = z[:, None, None] ** -self.delay_steps * self.late
             sign = np.linalg.slogdet(z[:, None, None] * np.eye(m) - self.at_once - late)[0]
             known = (z - 1.0) ** (n + 1) * (z - np.exp(1j * whole)) * (z - np.exp(-1j * whole))
-            return sign / (known / np.abs(known))
+            result: Spectrum = sign / (known / np.abs(known))
+            return result
 
         # All that happens does so at angles about h lambda. The function is real at 0 and at pi.
         scale = min(1.0, float(np.max(np.abs(self.late))))
@@ -255,16 +255,17 @@ class SampledEquilibrium:
 def _derivative(function: Callable[[Array], Array], x: Array) -> Array:
     """Return the matrix of central differences of a function of arrays ``(k, m)``."""
     change = STEP * np.eye(len(x))
-    return (function(x + change) - function(x - change)).T / (2.0 * STEP)
+    result: Array = (function(x + change) - function(x - change)).T / (2.0 * STEP)
+    return result
 
 
-def _commands(attitudes: Array, weights: ArrayLike, gain: Gain) -> Array:
+def _commands(attitudes: Array, weights: Array, gain: Gain) -> Array:
     gamma = rotation.rotate(attitudes, AXIS)
     seen = rotation.rotate(rotation.inverse(attitudes)[..., :, None, :], gamma[..., None, :, :])
     return law.angular_velocity(AXIS, seen, weights, gain)
 
 
-def sampled_equilibrium(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: float,
+def sampled_equilibrium(gamma: ArrayLike, weights: Array, gain: Gain, h: float,
                         delay_steps: int = 0,
                         near: SampledEquilibrium | None = None) -> SampledEquilibrium:
     """
@@ -349,14 +350,14 @@ def _command_noise(attitudes: Array, weights: ArrayLike, gain: Gain) -> Array:
     return covariance.reshape(3 * n, 3 * n)
 
 
-def _stable(gamma: ArrayLike, weights: ArrayLike, gain: Gain) -> RelativeEquilibrium:
+def _stable(gamma: Array, weights: Array, gain: Gain) -> RelativeEquilibrium:
     there = transverse(gamma, weights, gain)
     if there.inertia[0] or not len(there.decaying):
         raise ValueError('this relative equilibrium is not stable even without sampling')
     return there
 
 
-def max_sample_time(gamma: ArrayLike, weights: ArrayLike, gain: Gain,
+def max_sample_time(gamma: Array, weights: Array, gain: Gain,
                     relative: float = 1e-6) -> float:
     """
     Return below which sample time [s] a formation is stable, at rest or spinning.
@@ -386,7 +387,7 @@ def max_sample_time(gamma: ArrayLike, weights: ArrayLike, gain: Gain,
     return inside
 
 
-def max_delay(gamma: ArrayLike, weights: ArrayLike, gain: Gain) -> float:
+def max_delay(gamma: Array, weights: Array, gain: Gain) -> float:
     """
     Return the delay [s] below which a formation is stable with continuous commands.
 
@@ -401,7 +402,7 @@ def max_delay(gamma: ArrayLike, weights: ArrayLike, gain: Gain) -> float:
     return (_max_delay_steps_spinning(gamma, weights, gain, fine, 500) + 0.5) * fine
 
 
-def max_delay_steps(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: float) -> int:
+def max_delay_steps(gamma: Array, weights: Array, gain: Gain, h: float) -> int:
     """
     Return the greatest number of whole steps that measurements may be late.
 
@@ -417,7 +418,7 @@ def max_delay_steps(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: float) 
     return _max_delay_steps_spinning(gamma, weights, gain, h, guess)
 
 
-def delayed_equilibrium(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: float,
+def delayed_equilibrium(gamma: Array, weights: Array, gain: Gain, h: float,
                         delay_steps: int) -> SampledEquilibrium:
     """
     Return the relative equilibrium of a late loop that continues the one without delay.
@@ -431,7 +432,7 @@ def delayed_equilibrium(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: flo
     return near
 
 
-def _max_delay_steps_spinning(gamma: ArrayLike, weights: ArrayLike, gain: Gain, h: float,
+def _max_delay_steps_spinning(gamma: Array, weights: Array, gain: Gain, h: float,
                               guess: int) -> int:
     def is_stable(steps: int) -> bool:
         near = delayed_equilibrium(gamma, weights, gain, h, steps)

@@ -4,8 +4,13 @@
 """Sensors as they are: noisy, late, and now and then without an answer; in plain floats."""
 
 from collections import deque
+from collections.abc import Callable, Iterable, Sequence
 import math
 import random
+
+from tetra_ros2.formation._types import Vector
+
+SeenBy = Callable[[int, Sequence[int]], list[Vector]]
 
 
 class Sensors:
@@ -24,19 +29,21 @@ class Sensors:
     :param seed: of noise and loss
     """
 
-    def __init__(self, seen_by, others, *, noise=0.0, delay=0, loss=0.0, seed=0):
+    def __init__(self, seen_by: SeenBy, others: Iterable[Sequence[int] | None], *,
+                 noise: float = 0.0, delay: int = 0, loss: float = 0.0, seed: int = 0) -> None:
         self._others = [list(o or ()) for o in others]
         self._noise, self._delay, self._loss = noise, delay, loss
         self._random = random.Random(seed)
         self.restart(seen_by)
 
-    def restart(self, seen_by):
+    def restart(self, seen_by: SeenBy) -> None:
         """Look at other bodies from now on; what was on its way is forgotten."""
         self._exact = seen_by
-        self._on_the_way = deque(maxlen=self._delay + 1)
-        self._given = self._stamp = None
+        self._on_the_way: deque[list[list[Vector]]] = deque(maxlen=self._delay + 1)
+        self._given: list[list[Vector]] = []
+        self._stamp: int | None = None
 
-    def sample(self, stamp):
+    def sample(self, stamp: int) -> None:
         """Measure, unless it was done already for this time, of whatever unit."""
         if stamp == self._stamp:
             return
@@ -51,22 +58,22 @@ class Sensors:
             measured.append(row)
         self._on_the_way.append(measured)
         due = self._on_the_way[0]
-        if self._loss and self._given is not None:
+        if self._loss and self._given:
             due = [[before if self._random.random() < self._loss else new
                     for before, new in zip(old_row, new_row)]
                    for old_row, new_row in zip(self._given, due)]
         self._given = due
 
-    def seen_by(self, i, _others):
+    def seen_by(self, i: int, _others: Sequence[int]) -> list[Vector]:
         """Return what body i sees of the others as of the last sample."""
         return self._given[i]
 
 
-def _unit(x, y, z):
+def _unit(x: float, y: float, z: float) -> Vector:
     length = math.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 
 
-def delay_in_steps(delay, h):
+def delay_in_steps(delay: float, h: float) -> int:
     """Return how many steps of length h [s] it takes for a delay [s]: the next whole number."""
     return math.ceil(delay / h - 1e-9)

@@ -10,12 +10,18 @@ arrays with any leading axes, for many formations at once; it agrees with the ot
 as numpy's elementary functions and sums round differently from the C library's.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import law, rotation
+from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.formation.controller import Controller
+from tetra_ros2.formation.gain import Gain
 from tetra_ros2.formation.sensing import Sensors
+from tetra_ros2.formation.topology import Topology
 
 
 class SampledLoop:
@@ -30,7 +36,8 @@ class SampledLoop:
         for measurements that are not perfect
     """
 
-    def __init__(self, attitudes, axes, topology, gain, **sensing):
+    def __init__(self, attitudes: Array, axes: Array, topology: Topology, gain: Gain,
+                 **sensing: Any) -> None:
         self.bodies = RigidBodies(attitudes, axes)
         self.steps = 0
         self._seen = []
@@ -42,7 +49,7 @@ class SampledLoop:
                 Controller(self.bodies.axes[i - 1], [weight for _, weight in neighbors], gain))
         self._sensors = Sensors(self.bodies.seen_by, self._seen, **sensing) if sensing else None
 
-    def advance(self, h, steps=1):
+    def advance(self, h: float, steps: int = 1) -> None:
         """Take a number of steps of length h [s]."""
         seen_by = self.bodies.seen_by if self._sensors is None else self._sensors.seen_by
         for _ in range(steps):
@@ -58,7 +65,7 @@ class SampledLoop:
             self.bodies.step(h, rates)
 
 
-def step(attitudes, axes, weights, gain, h):
+def step(attitudes: Array, axes: Array, weights: Array, gain: Gain, h: float) -> Array:
     """
     Return the attitudes one step of the sampled loop later.
 
@@ -75,7 +82,8 @@ def step(attitudes, axes, weights, gain, h):
     return rotation.renormalize(rotation.multiply(attitudes, rotation.exp(h * rates)))
 
 
-def simulate(attitudes, axes, weights, gain, h, steps, every=None):
+def simulate(attitudes: ArrayLike, axes: Array, weights: Array, gain: Gain, h: float,
+             steps: int, every: int | None = None) -> Array:
     """
     Run the sampled loop.
 

@@ -4,9 +4,12 @@
 """The unit sphere S^2, home of the reduced attitudes ``Gamma = R b``."""
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from tetra_ros2.formation._types import Array
 
 
-def hat(x):
+def hat(x: ArrayLike) -> Array:
     """
     Return the skew matrices of vectors: ``hat(x) @ y == cross(x, y)``; eq:pre:hat.
 
@@ -21,7 +24,7 @@ def hat(x):
     return matrix
 
 
-def geodesic_distance(x, y):
+def geodesic_distance(x: ArrayLike, y: ArrayLike) -> Array:
     """
     Return the angle between unit vectors [rad], in [0, pi].
 
@@ -34,10 +37,12 @@ def geodesic_distance(x, y):
     :returns: angles, ``(...)``
     """
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    return 2.0 * np.arctan2(np.linalg.norm(x - y, axis=-1), np.linalg.norm(x + y, axis=-1))
+    side, diagonal = np.linalg.norm(x - y, axis=-1), np.linalg.norm(x + y, axis=-1)
+    angle: Array = 2.0 * np.arctan2(side, diagonal)
+    return angle
 
 
-def exp(x, v):
+def exp(x: Array, v: Array) -> Array:
     """
     Follow the great circle from ``x`` with initial velocity ``v`` for one unit of time.
 
@@ -46,15 +51,17 @@ def exp(x, v):
     :returns: unit vectors, ``(..., 3)``
     """
     angle = np.linalg.norm(v, axis=-1, keepdims=True)
-    return np.cos(angle) * x + np.sinc(angle / np.pi) * v
+    result: Array = np.cos(angle) * x + np.sinc(angle / np.pi) * v
+    return result
 
 
-def project(x, v):
+def project(x: Array, v: Array) -> Array:
     """Return the parts of ``v`` tangent to the sphere at unit vectors ``x``, ``(..., 3)``."""
-    return v - np.sum(np.asarray(x) * v, axis=-1, keepdims=True) * x
+    result: Array = v - np.sum(np.asarray(x) * v, axis=-1, keepdims=True) * x
+    return result
 
 
-def normalize(x):
+def normalize(x: ArrayLike) -> Array:
     """
     Return ``x`` scaled to length one, ``(..., 3)``.
 
@@ -66,10 +73,11 @@ def normalize(x):
     if not np.all((scale > 0.0) & np.isfinite(scale)):
         raise ValueError('a direction must be finite and not zero')
     x = x / scale
-    return x / np.linalg.norm(x, axis=-1, keepdims=True)
+    result: Array = x / np.linalg.norm(x, axis=-1, keepdims=True)
+    return result
 
 
-def random(rng, shape=()):
+def random(rng: np.random.Generator, shape: int | tuple[int, ...] = ()) -> Array:
     """
     Draw points uniformly on the sphere.
 

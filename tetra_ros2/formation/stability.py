@@ -10,10 +10,14 @@ nothing about its shape. :func:`transverse` takes them out.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from tetra_ros2.formation import coordinates, equivalence, flow, law, measures, sphere
+from tetra_ros2.formation._types import Array, Spectrum
+from tetra_ros2.formation.gain import Gain
 
 LEGENDRE = np.polynomial.legendre.leggauss(48)
 """Nodes and weights on [-1, 1]; 48 of them integrate any gain here to rounding."""
@@ -33,7 +37,7 @@ as for antipodal agents under the cosine gain. Rounding of 1e-16 then hides a di
 """
 
 
-def lyapunov(gamma, weights, gain):
+def lyapunov(gamma: ArrayLike, weights: Array, gain: Gain) -> Array:
     """
     Return ``V = sum W(i,j) int_theta_ij^pi f(x) sin(x) dx`` over ordered pairs, ``(...)``.
 
@@ -49,10 +53,11 @@ def lyapunov(gamma, weights, gain):
     half = 0.5 * (np.pi - theta)
     x = half[..., None] * nodes + 0.5 * (np.pi + theta)[..., None]
     integral = half * np.sum(node_weights * gain.f(x) * np.sin(x), axis=-1)
-    return np.sum(weights * integral, axis=(-2, -1))
+    result: Array = np.sum(weights * integral, axis=(-2, -1))
+    return result
 
 
-def lyapunov_rate(gamma, velocity, weights, gain):
+def lyapunov_rate(gamma: Array, velocity: Array, weights: Array, gain: Gain) -> Array:
     """
     Return the derivative of V along any motion [1/s^2], ``(...)``, by the chain rule.
 
@@ -66,15 +71,16 @@ def lyapunov_rate(gamma, velocity, weights, gain):
     theta = sphere.geodesic_distance(gamma[..., :, None, :], gamma[..., None, :, :])
     product = velocity @ np.swapaxes(gamma, -1, -2)
     cosine_rate = product + np.swapaxes(product, -1, -2)
-    return np.sum(weights * gain.f(theta) * cosine_rate, axis=(-2, -1))
+    result: Array = np.sum(weights * gain.f(theta) * cosine_rate, axis=(-2, -1))
+    return result
 
 
-def fastest_rate(weights, gain):
+def fastest_rate(weights: Array, gain: Gain) -> float:
     """Return a bound of the angular velocity that the law can command [rad/s]; 0 for no edge."""
     return float(np.max(np.sum(np.abs(weights), axis=1)) * gain.f(0.0))
 
 
-def tangent_basis(gamma):
+def tangent_basis(gamma: Array) -> Array:
     """
     Return orthonormal bases of the tangent planes, as columns, ``(..., n, 3, 2)``.
 
@@ -86,14 +92,16 @@ def tangent_basis(gamma):
     return np.stack([first, np.cross(gamma, first)], axis=-1)
 
 
-def _bring_down(blocks, bases):
+def _bring_down(blocks: Array, bases: Array) -> Array:
     """Return ``B_i^T blocks_ij B_j`` as one matrix, ``(..., 2 n, 2 n)``."""
     small = np.einsum('...iap,...ijab,...jbq->...ipjq', bases, blocks, bases)
     size = 2 * bases.shape[-3]
-    return small.reshape(*small.shape[:-4], size, size)
+    result: Array = small.reshape(*small.shape[:-4], size, size)
+    return result
 
 
-def linearization(gamma, weights, gain, bases, spin=None):
+def linearization(gamma: ArrayLike, weights: Array, gain: Gain, bases: Array,
+                  spin: Array | None = None) -> Array:
     """
     Return the derivative of the closed loop's right-hand side in tangent coordinates.
 
@@ -127,7 +135,7 @@ def linearization(gamma, weights, gain, bases, spin=None):
     return _bring_down(blocks, bases)
 
 
-def rotations(gamma, bases):
+def rotations(gamma: Array, bases: Array) -> Array:
     """
     Return what the three rotations of the whole do to it, in tangent coordinates.
 
@@ -137,10 +145,11 @@ def rotations(gamma, bases):
     """
     moved = np.cross(np.eye(3)[:, None, :], gamma[..., None, :, :])  # (..., 3, n, 3)
     small = np.einsum('...iap,...eia->...ipe', bases, moved)
-    return small.reshape(*small.shape[:-3], 2 * gamma.shape[-2], 3)
+    result: Array = small.reshape(*small.shape[:-3], 2 * gamma.shape[-2], 3)
+    return result
 
 
-def complement(vectors, accuracy=1e-9):
+def complement(vectors: Array, accuracy: float = 1e-9) -> Array:
     """
     Return an orthonormal basis of the complement of the columns' span, ``(m, m - rank)``.
 
@@ -162,49 +171,51 @@ class RelativeEquilibrium:
     :param matrix: the linearisation transverse to the rotations, in the turning frame, [1/s]
     """
 
-    gamma: np.ndarray
-    spin: np.ndarray
+    gamma: Array
+    spin: Array
     residual: float
-    matrix: np.ndarray
+    matrix: Array
 
     @property
-    def eigenvalues(self):
+    def eigenvalues(self) -> Spectrum:
         """Return the transverse eigenvalues [1/s], the slowest first."""
         values = np.linalg.eigvals(self.matrix)
         return values[np.lexsort((values.imag, -values.real))]
 
     @property
-    def inertia(self):
+    def inertia(self) -> tuple[int, int, int]:
         """Return how many transverse eigenvalues have positive, zero and negative real part."""
         return inertia(self.eigenvalues)
 
     @property
-    def decaying(self):
+    def decaying(self) -> Spectrum:
         """Return the eigenvalues of the deviations that decay [1/s], the slowest first."""
         values = self.eigenvalues
-        return values[values.real < -SLOW * np.max(np.abs(values), initial=0.0)]
+        result: Spectrum = values[values.real < -SLOW * np.max(np.abs(values), initial=0.0)]
+        return result
 
     @property
-    def is_hyperbolic(self):
+    def is_hyperbolic(self) -> bool:
         """Return whether no eigenvalue has a real part of zero, to within SLOW."""
         values = self.eigenvalues
         return bool(np.all(np.abs(values.real) > SLOW * np.max(np.abs(values), initial=0.0)))
 
     @property
-    def spins(self):
+    def spins(self) -> bool:
         """Return whether it turns, and does not just seem to by rounding."""
         return bool(np.linalg.norm(self.spin)
                     > ZERO * np.max(np.abs(self.eigenvalues), initial=0.0))
 
 
-def inertia(eigenvalues):
+def inertia(eigenvalues: ArrayLike) -> tuple[int, int, int]:
     """Return how many eigenvalues have a positive, a zero and a negative real part."""
     real = np.real(eigenvalues)
     zero = np.abs(real) <= ZERO * max(1e-300, float(np.max(np.abs(eigenvalues), initial=0.0)))
-    return tuple(int(np.sum(which)) for which in ((real > 0) & ~zero, zero, (real < 0) & ~zero))
+    return (int(np.sum((real > 0) & ~zero)), int(np.sum(zero)),
+            int(np.sum((real < 0) & ~zero)))
 
 
-def transverse(gamma, weights, gain):
+def transverse(gamma: ArrayLike, weights: Array, gain: Gain) -> RelativeEquilibrium:
     """
     Return the :class:`RelativeEquilibrium` at hand; its residual says how nearly it is one.
 
@@ -225,7 +236,8 @@ def transverse(gamma, weights, gain):
         across.T @ matrix @ across)
 
 
-def refine(gamma, weights, gain, iterations=50, longest=0.3):
+def refine(gamma: ArrayLike, weights: Array, gain: Gain, iterations: int = 50,
+           longest: float = 0.3) -> tuple[Array, Array]:
     """
     Take Newton steps towards relative equilibria, stable or not.
 
@@ -240,12 +252,8 @@ def refine(gamma, weights, gain, iterations=50, longest=0.3):
     gamma = np.asarray(gamma, dtype=float)
     n = gamma.shape[-2]
     unit = fastest_rate(weights, gain) or 1.0
-    for k in range(iterations + 1):
-        velocity = law.velocity(gamma, weights, gain)
-        spin = measures.angular_velocity(gamma, velocity)
-        left = velocity - np.cross(spin[..., None, :], gamma)
-        if k == iterations:
-            return gamma, np.max(np.abs(left), axis=(-2, -1))
+    for _ in range(iterations):
+        left, spin = _beside_spin(gamma, weights, gain)
         bases = tangent_basis(gamma)
         matrix = linearization(gamma, weights, gain, bases, spin)
         turned = rotations(gamma, bases)
@@ -259,9 +267,18 @@ def refine(gamma, weights, gain, iterations=50, longest=0.3):
         size = np.max(np.linalg.norm(moved, axis=-1), axis=-1)[..., None, None]
         gamma = sphere.normalize(
             sphere.exp(gamma, moved * np.minimum(1.0, longest / np.maximum(size, 1e-300))))
+    left, _ = _beside_spin(gamma, weights, gain)
+    return gamma, np.max(np.abs(left), axis=(-2, -1))
 
 
-def straighten(gamma):
+def _beside_spin(gamma: Array, weights: Array, gain: Gain) -> tuple[Array, Array]:
+    """Return the velocities beside a spin of the whole [1/s], and that spin [rad/s]."""
+    velocity = law.velocity(gamma, weights, gain)
+    spin = measures.angular_velocity(gamma, velocity)
+    return velocity - np.cross(spin[..., None, :], gamma), spin
+
+
+def straighten(gamma: ArrayLike) -> Array:
     """
     Return formations whose agents all lie on a line, to within ACCURACY, exactly on it.
 
@@ -292,17 +309,17 @@ class Equilibrium(RelativeEquilibrium):
     found: int
 
     @property
-    def reduced_attitudes(self):
+    def reduced_attitudes(self) -> Array:
         """Return gamma, unit vectors, ``(n, 3)``."""
         return self.gamma
 
     @property
-    def spin_rate(self):
+    def spin_rate(self) -> float:
         """Return the angular speed of the whole [rad/s]; 0 at rest."""
         return float(np.linalg.norm(self.spin))
 
     @property
-    def stability(self):
+    def stability(self) -> str:
         """
         Return what the linearisation says of the shape.
 
@@ -313,7 +330,9 @@ class Equilibrium(RelativeEquilibrium):
         return 'unstable' if positive else 'undecided' if zero else 'stable'
 
 
-def find_equilibria(rng, weights, gain, starts=400, tolerance=1e-10, iterations=60):
+def find_equilibria(rng: np.random.Generator, weights: Array, gain: Gain, starts: int = 400,
+                    tolerance: float = 1e-10,
+                    iterations: int = 60) -> tuple[list[Equilibrium], int]:
     """
     Look for relative equilibria, at rest or spinning, by Newton's method from random starts.
 
@@ -339,7 +358,7 @@ def find_equilibria(rng, weights, gain, starts=400, tolerance=1e-10, iterations=
     gamma, left = refine(gamma, weights, gain, iterations)
     unit = fastest_rate(weights, gain) or 1.0
     there = straighten(gamma[left < tolerance * unit])
-    found = []
+    found: list[list[Any]] = []  # a formation, and how often
     for points in there:
         for entry in found:
             if equivalence.equivalent(points, entry[0], weights, ACCURACY):
@@ -357,21 +376,22 @@ def find_equilibria(rng, weights, gain, starts=400, tolerance=1e-10, iterations=
     return equilibria, starts - len(there)
 
 
-def is_coplanar(gamma, tolerance=1e-6):
+def is_coplanar(gamma: ArrayLike, tolerance: float = 1e-6) -> NDArray[np.bool_]:
     """Return whether all lie on one great circle, ``(...)``; the lemma's Omega_C."""
     return np.linalg.svd(np.asarray(gamma, float), compute_uv=False)[..., 2] < tolerance
 
 
-def classify(gamma, tolerance=1e-5):
+def classify(gamma: ArrayLike, tolerance: float = 1e-5) -> str:
     """
     Say in words what shape a formation has.
 
     :param gamma: reduced attitudes, ``(n, 3)``
     :param tolerance: on the cosines
     """
+    gamma = np.asarray(gamma, dtype=float)
     cosines = np.sort(measures.pairwise_cosines(gamma))
 
-    def is_like(*expected):
+    def is_like(*expected: float) -> bool:
         return len(expected) == len(cosines) and np.allclose(cosines, expected, 0.0, tolerance)
 
     if np.all(cosines > 1.0 - tolerance):
@@ -381,7 +401,7 @@ def classify(gamma, tolerance=1e-5):
     if is_like(-1.0, -1.0, 0.0, 0.0, 0.0, 0.0):
         return 'cross'
     if np.all(np.abs(np.abs(cosines) - 1.0) < tolerance):
-        one_side = int(np.sum(np.asarray(gamma) @ gamma[0] > 0.0))
+        one_side = int(np.sum(gamma @ gamma[0] > 0.0))
         fewer = min(one_side, len(gamma) - one_side)
         return f'{len(gamma) - fewer} against {fewer}'
     if is_like(*[-0.5] * 5, 1.0):
@@ -389,7 +409,8 @@ def classify(gamma, tolerance=1e-5):
     return 'other coplanar' if is_coplanar(gamma, 10.0 * tolerance) else 'other spatial'
 
 
-def settle(gamma, weights, gain, longest=2000.0, calm=1e-3):
+def settle(gamma: Array, weights: Array, gain: Gain, longest: float = 2000.0,
+           calm: float = 1e-3) -> Array | None:
     """
     Follow the closed loop until it keeps its shape, and polish what it has come to.
 
@@ -412,16 +433,17 @@ def settle(gamma, weights, gain, longest=2000.0, calm=1e-3):
                     transverse(polished, weights, gain).eigenvalues)[0] == 0:
                 return polished
         if step.end * unit > longest:
-            return None
+            break
+    return None
 
 
-def sorted_spectrum(eigenvalues):
+def sorted_spectrum(eigenvalues: ArrayLike) -> Spectrum:
     """Return eigenvalues in an order fit for comparing, by real, then imaginary part."""
     values = np.asarray(eigenvalues, dtype=complex)
     return values[np.lexsort((values.imag, np.round(values.real, 9)))]
 
 
-def complete_spectrum(gain):
+def complete_spectrum(gain: Gain) -> Array:
     """
     Return the paper's spectrum at the tetrahedron under the complete graph [1/s], ``(8,)``.
 
@@ -433,7 +455,7 @@ def complete_spectrum(gain):
                     + [4.0 * np.sqrt(2.0) / 3.0 * slope - 8.0 / 3.0 * f] * 3 + [0.0] * 3)
 
 
-def complete_cosine_spectrum(gain):
+def complete_cosine_spectrum(gain: Gain) -> Array:
     """
     Return the paper's spectrum of the xi_s dynamics, complete graph [1/s], ``(6,)``.
 
@@ -446,7 +468,7 @@ def complete_cosine_spectrum(gain):
                     + [-8.0 / 3.0 * f - 16.0 / 9.0 * slope] * 3)
 
 
-def angle_linearization(gamma, weights, gain):
+def angle_linearization(gamma: Array, weights: Array, gain: Gain) -> Array:
     """
     Return the linearisation in roll-pitch-yaw angles at an equilibrium; A_zeta.
 
@@ -462,15 +484,16 @@ def angle_linearization(gamma, weights, gain):
         np.stack([-np.sin(phi) * np.cos(psi), -np.sin(phi) * np.sin(psi), np.cos(phi)], axis=-1),
         np.stack([-np.sin(psi), np.cos(psi), np.zeros(n)], axis=-1)], axis=-1)
     scale = np.stack([np.ones(n), np.cos(phi)], axis=-1).ravel()
-    return linearization(gamma, weights, gain, bases) * scale / scale[:, None]
+    result: Array = linearization(gamma, weights, gain, bases) * scale / scale[:, None]
+    return result
 
 
-def mirrored(gamma):
+def mirrored(gamma: ArrayLike) -> Array:
     """Return the mirror image in the plane x-z, of the other chirality, ``(..., n, 3)``."""
     return np.asarray(gamma) * [1.0, -1.0, 1.0]
 
 
-def rotating_spectrum(gain):
+def rotating_spectrum(gain: Gain) -> Spectrum:
     """
     Return the transverse spectrum at the tetrahedron under the rotating graph [1/s], ``(5,)``.
 

@@ -9,6 +9,10 @@ import math
 import numpy as np
 
 from tetra_ros2.formation import measures, shapes
+from tetra_ros2.formation._types import Array
+from tetra_ros2.formation.gain import Gain
+from tetra_ros2.formation.observer import Observer
+from tetra_ros2.formation.topology import Topology
 
 
 @dataclass(frozen=True)
@@ -19,16 +23,14 @@ class Spin:
     :param rate: angular speed [rad/s]
     :param period: of one turn [s]; infinite at rest
     :param axis: agent on the axis, where the topology has one
-    :param sense: about the axis, seen from outside the sphere: 1 counter-clockwise, -1 clockwise,
-        0 at rest or without an axis
-    :param about: the axis in words, where the topology has one
+    :param sense: about that agent's direction, seen from outside the sphere: 1 counter-clockwise,
+        -1 clockwise, 0 at rest or without an axis
     """
 
     rate: float
     period: float
     axis: int | None
     sense: int
-    about: str | None = None
 
 
 @dataclass(frozen=True)
@@ -44,11 +46,10 @@ class Summary:
     :param error: final error: how far the worst pairwise angle is from the shape [rad], or how
         fast the shape still changes [rad/s] where none is known
     :param angles: final pairwise angles theta_ij for i < j, lexicographic [rad]
-    :param chirality: 1 or -1, 0 where there is none; of
-        :func:`~tetra_ros2.formation.shapes.chirality`
+    :param chirality: 1 or -1 for four agents, 0 where there is none
     :param measured: the spin at the end; None if there was but one sample
     :param predicted: the spin that theory predicts for the topology, the gain and the chirality
-        that came out; None if no shape is known or it did not form
+        that came out; None if the shape is not a tetrahedron or did not form
     :param axis_drift: how fast the direction of the agent on the axis still moves [rad/s]
     """
 
@@ -65,7 +66,7 @@ class Summary:
     axis_drift: float | None
 
 
-def summarize(observer, topology, gain):
+def summarize(observer: Observer, topology: Topology, gain: Gain) -> Summary:
     """
     Summarise a run.
 
@@ -81,33 +82,30 @@ def summarize(observer, topology, gain):
     axis = topology.axis_agent
     measured = predicted = drift = None
     if observer.count > 1:
-        measured = _spin(observer.angular_velocity, gamma, topology)
+        measured = _spin(observer.angular_velocity, gamma, axis)
         if axis is not None:
             before = np.array(observer.previous_poses).reshape(-1, 7)[axis - 1, :3]
-            elapsed = (observer.stamp - observer.previous_stamp) / 1e9
-            drift = float(np.linalg.norm(gamma[axis - 1] - before) / elapsed)
-    if observer.shape is not None and formed:
-        predicted = _spin(
-            shapes.predicted_angular_velocity(gamma, topology, gain), gamma, topology)
+            drift = float(np.linalg.norm(gamma[axis - 1] - before) / observer.interval)
+    if observer.shape is shapes.TETRAHEDRON and formed:
+        predicted = _spin(shapes.predicted_angular_velocity(gamma, topology, gain), gamma, axis)
     return Summary(
-        shape=observer.shape and observer.shape.name,
+        shape=observer.shape.name if observer.shape is not None else None,
         formed=formed,
         tolerance=observer.tolerance,
         time_to_form=observer.time_to_form,
         duration=observer.elapsed,
         error=observer.error,
         angles=tuple(measures.pairwise_angles(gamma).tolist()),
-        chirality=shapes.chirality(gamma, topology),
+        chirality=int(measures.chirality(gamma)) if topology.n == 4 else 0,
         measured=measured,
         predicted=predicted,
         axis_drift=drift,
     )
 
 
-def _spin(angular_velocity, gamma, topology):
+def _spin(angular_velocity: Array, gamma: Array, axis: int | None) -> Spin:
     rate = float(np.linalg.norm(angular_velocity))
     if rate < 1e-9:  # rounding, over a sample time
-        return Spin(rate, math.inf, topology.axis_agent, 0, topology.axis_name)
-    direction = shapes.axis_direction(gamma, topology)
-    sense = 0 if direction is None else int(np.sign(angular_velocity @ direction))
-    return Spin(rate, 2.0 * math.pi / rate, topology.axis_agent, sense, topology.axis_name)
+        return Spin(rate, math.inf, axis, 0)
+    sense = 0 if axis is None else int(np.sign(angular_velocity @ gamma[axis - 1]))
+    return Spin(rate, 2.0 * math.pi / rate, axis, sense)

@@ -5,20 +5,14 @@
 Who sees whom, and how much it counts: weighted directed graphs on the agents 1..n.
 
 Edge (i, j) means that agent i sees agent j, and W(i, j) weighs what it sees. To add a topology,
-write a function that returns a Topology and name it in KINDS. Those that are made for a shape are
-in ``targets``.
+write a function that returns a Topology and name it in KINDS.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:  # an agent loads this module, and is not to know of any shape
-    from tetra_ros2.formation.shapes import Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +22,8 @@ class Topology:
 
     :param kind: one of KINDS
     :param weights: W, shape ``(n, n)``, n >= 2, dimensionless; zero where there is no edge
-    :param axis_agent: the agent on the axis of rotation (the paper's k), if there is one
+    :param axis_agent: the agent on the axis of rotation (the paper's k), rotating topology only
     :param direction: the paper's p, rotating topology only
-    :param shape: the shape that the weights are made for, if they are
-    :param axis: what it is to turn about, a unit vector in the frame of the shape's points
-    :param axis_name: the axis in words
     :raises ValueError: if ``weights`` is not such a matrix
     """
 
@@ -40,11 +31,8 @@ class Topology:
     weights: np.ndarray = field(repr=False)
     axis_agent: int | None = None
     direction: int | None = None
-    shape: Shape | None = None
-    axis: np.ndarray | None = field(default=None, repr=False)
-    axis_name: str | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the weights and freeze them."""
         weights = np.array(self.weights, dtype=float)
         if weights.ndim != 2 or weights.shape[0] != weights.shape[1] or len(weights) < 2:
@@ -57,33 +45,33 @@ class Topology:
         object.__setattr__(self, 'weights', weights)
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Return the number of agents."""
         return len(self.weights)
 
     @property
-    def edges(self):
+    def edges(self) -> tuple[tuple[int, int, float], ...]:
         """Return all edges (i, j, W(i, j)) with W(i, j) != 0, in lexicographic order."""
         return tuple((i, j, weight) for i in range(1, self.n + 1)
                      for j, weight in self.neighbors(i))
 
-    def neighbors(self, i):
+    def neighbors(self, i: int) -> tuple[tuple[int, float], ...]:
         """Return the (j, W(i, j)) that agent i sees, in order of j."""
         row = self.weights[i - 1]
         return tuple((int(j) + 1, float(row[j])) for j in np.flatnonzero(row))
 
     @property
-    def blind_agents(self):
+    def blind_agents(self) -> tuple[int, ...]:
         """Return the agents that see nobody, and therefore never move."""
         return tuple(i for i in range(1, self.n + 1) if not self.neighbors(i))
 
 
-def complete(n=4):
+def complete(n: int = 4) -> Topology:
     """Return the graph in which everybody sees everybody else; Graph As:SF:completegraph."""
     return Topology('complete', np.ones((n, n)) - np.eye(n))
 
 
-def rotating(k=1, p=1):
+def rotating(k: int = 1, p: int = 1) -> Topology:
     """
     Return the weighted graph of a spinning tetrahedron; Graph As:RF:weighedgraph.
 
@@ -105,20 +93,20 @@ def rotating(k=1, p=1):
     for i, successor in zip(others, others[1:] + others[:1]):
         seen, by = (successor, i) if p == 1 else (i, successor)
         weights[by - 1, seen - 1] = 1.0
-    return Topology('rotating', weights, axis_agent=k, direction=p,
-                    axis_name=f'the direction of agent_{k}')
+    return Topology('rotating', weights, axis_agent=k, direction=p)
 
 
-def others_in_order(k):
+def others_in_order(k: int) -> tuple[int, int, int]:
     """
     Return the three agents other than k, each followed by its successor skipping k, Suc^k.
 
     The paper's modulo stands for counting on from 4 to 1, before it looks for k: so Suc^1(4) = 2.
     """
-    return tuple((k - 1 + step) % 4 + 1 for step in (1, 2, 3))
+    one, two, three = ((k - 1 + step) % 4 + 1 for step in (1, 2, 3))
+    return one, two, three
 
 
-def custom(n, edges):
+def custom(n: int, edges: Iterable[tuple[int, int] | tuple[int, int, float]]) -> Topology:
     """
     Return any weighted directed graph.
 
@@ -146,12 +134,9 @@ def custom(n, edges):
 class EdgeError(ValueError):
     """An edge that cannot be; ``index`` tells which, from 0."""
 
-    def __init__(self, index, problem):
+    def __init__(self, index: int, problem: str) -> None:
         super().__init__(problem)
         self.index = index
 
 
-KINDS = ('complete', 'rotating', 'custom', 'polyhedron', 'ring')
-
-POLYHEDRA = ('tetrahedron', 'octahedron', 'cube', 'icosahedron', 'dodecahedron')
-"""The names of the Platonic solids; what they look like is in ``polyhedra``."""
+KINDS = ('complete', 'rotating', 'custom')

@@ -4,9 +4,8 @@
 """
 The plant: n rigid bodies that turn as they are told, and the sensors on them.
 
-The node owns the topics and the state. How time passes is left to one of two timekeepers,
-:class:`~tetra_ros2.nodes.timekeepers.Lockstep` and
-:class:`~tetra_ros2.nodes.timekeepers.RealTime`.
+The node owns the topics and the state. When to step is left to one of two steppers,
+:class:`~tetra_ros2.nodes.lockstep.Lockstep` and :class:`~tetra_ros2.nodes.realtime.RealTime`.
 """
 
 import secrets
@@ -21,7 +20,8 @@ from tetra_ros2.formation import rotation
 from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.formation.checks import Rejected, require_rate
 from tetra_ros2.formation.sensing import delay_in_steps, Sensors
-from tetra_ros2.nodes.timekeepers import Lockstep, RealTime
+from tetra_ros2.nodes.lockstep import Lockstep
+from tetra_ros2.nodes.realtime import RealTime
 from tetra_ros2.ros import executor, parameters, qos
 from tetra_ros2.ros.node import FormationNode, raw_publish
 from tetra_ros2.wire import cdr, names
@@ -31,7 +31,7 @@ class Plant(FormationNode):
     """
     The node ``plant``.
 
-    :param start: whether time begins at once; otherwise with a call of ``time.start()``
+    :param start: whether time begins at once; otherwise with a call of ``stepper.start()``
     :param kwargs: what rclpy's Node takes beside its name
     :raises ConfigurationError: if a parameter is not valid
     """
@@ -68,12 +68,12 @@ class Plant(FormationNode):
         self._commands = []  # for each agent: what gives its next command, and what takes it
         self._imperfect = self._make_imperfect_sensors(values)
         self.mode = values['mode']
-        timekeeper = {'lockstep': Lockstep, 'realtime': RealTime}[self.mode]
-        self.time = timekeeper(self, [sensor[0] for sensor in self._sensors])
+        stepper = {'lockstep': Lockstep, 'realtime': RealTime}[self.mode]
+        self.stepper = stepper(self, [sensor[0] for sensor in self._sensors])
         for i in range(1, n + 1):
             on_command = self._receiver(i)
             subscription = self.listen(TwistStamped, names.cmd_vel(i), on_command, qos.COMMANDS)
-            if self.time.steps_by_itself:
+            if self.stepper.reads_commands:
                 self._commands.append((self.queue(subscription), on_command))
         self.create_service(Trigger, names.RESET, self._on_reset)
         self.create_service(SetBool, names.PAUSE, self._on_pause)
@@ -84,7 +84,7 @@ class Plant(FormationNode):
 
         self._apply(values)
         if start:
-            self.time.start()
+            self.stepper.start()
 
     def _make_imperfect_sensors(self, values):
         """Return sensors with the faults that were asked for, or None if none were."""
@@ -105,7 +105,7 @@ class Plant(FormationNode):
 
     def close(self):
         """Let time stand still."""
-        self.time.stop()
+        self.stepper.stop()
 
     def _initial_attitudes(self):
         if self._given_attitudes is not None:
@@ -125,7 +125,7 @@ class Plant(FormationNode):
         """Follow the parameters that may change at run time."""
         self.rate = values['rate']
         self._max_angular_velocity = values['max_angular_velocity']
-        self.time.configure(values)
+        self.stepper.configure(values)
 
     def publish(self, stamp):
         """Publish the state and what everybody sees of it, as of the time ``stamp`` [ns]."""
@@ -160,8 +160,8 @@ class Plant(FormationNode):
                 on_command(taken[0])
 
     def _receiver(self, i):
-        """Return what hands the commands of agent i to the timekeeper."""
-        decode, command = cdr.twist_stamped(names.body_frame(i)).decode, self.time.command
+        """Return what hands the commands of agent i to the stepper."""
+        decode, command = cdr.twist_stamped(names.body_frame(i)).decode, self.stepper.command
 
         def on_command(message):
             try:
@@ -185,17 +185,17 @@ class Plant(FormationNode):
         self.bodies = RigidBodies(self._initial_attitudes(), self.formation.pointing_axes)
         if self._imperfect is not None:
             self._imperfect.restart(self.bodies.seen_by)
-        self.time.state_changed()
+        self.stepper.state_changed()
 
     def _on_pause(self, request, response):
-        self.time.pause(request.data)
+        self.stepper.pause(request.data)
         response.success = True
         response.message = 'paused' if request.data else 'running'
         return response
 
     def assess(self):
         """Return level, message and figures for the diagnostics."""
-        return self.time.assess(self.health)
+        return self.stepper.assess(self.health)
 
 
 def main(config=None, arguments=()):

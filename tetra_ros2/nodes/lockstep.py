@@ -1,36 +1,21 @@
 # Copyright 2026 The tetra_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The two ways for the plant's time to pass.
+"""The plant in lockstep: it waits for all answers, and then steps."""
 
-A timekeeper decides when the bodies take a step, how long it is, and which commands count. It
-starts and stops, takes commands, and is told when the state was changed under its hands.
-"""
-
-import math
+from collections.abc import Sequence
 import time
 
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from tetra_ros2.formation.checks import Rejected
+from tetra_ros2.nodes.stepper import agents_of, period_of, Steppable, Stepper, STILL
 from tetra_ros2.ros import diagnostics, qos
 from tetra_ros2.ros.node import raw_publish
 from tetra_ros2.wire import cdr, names
 
-STILL = (0.0, 0.0, 0.0)
 
-FUTURE_TOLERANCE = 500_000_000
-"""How far ahead of the measurements the stamp of a command may be in real time [ns]."""
-
-
-
-def _period(rate):
-    """Return the period of a rate [Hz] in whole nanoseconds: stamps and steps then agree."""
-    return max(round(1e9 / rate), 1)
-
-
-class Lockstep:
+class Lockstep(Stepper):
     """
     The plant waits for all commands that answer step k, and only then takes the step.
 
@@ -45,12 +30,11 @@ class Lockstep:
     """
 
     DEFAULT_TIMEOUT = 30.0
-    steps_by_itself = False  # a command may be what it has waited for
+    reads_commands = False  # a command may be what it has waited for
 
-    def __init__(self, plant, agents):
-        self.stamp = 0  # of the measurements that are to be answered [ns]
-        self.steps = self.late = self.repetitions = 0
-        self.paused = False
+    def __init__(self, plant: Steppable, agents: Sequence[int]) -> None:
+        super().__init__(plant, agents)
+        self.late = self.repetitions = 0
         self._plant = plant
         self._everybody = sum(1 << i for i in agents)  # agents are bits of integers here
         self._missing = 0  # whose answer is still to come
@@ -70,7 +54,7 @@ class Lockstep:
 
     def configure(self, values):
         """Take the parameters, at the start and whenever they change."""
-        self._period = _period(values['rate'])
+        self._period = period_of(values['rate'])
         self._h = self._period / 1e9
         self._timeout = values['command_timeout'] or self.DEFAULT_TIMEOUT
         if self._watchdog is None:
@@ -186,140 +170,10 @@ class Lockstep:
         values = {'mode': 'lockstep', 'formation time [s]': self.stamp / 1e9, 'steps': self.steps,
                   **rates, 'repetitions': self.repetitions, 'late commands': self.late}
         if self._absent:
-            return diagnostics.ERROR, f'held still, not answering: {_agents(self._absent)}', values
+            absent = agents_of(self._absent)
+            return diagnostics.ERROR, f'held still, not answering: {absent}', values
         if self.paused:
             return diagnostics.OK, 'paused', values
         if self._missing and waited > 1.0:
-            return diagnostics.WARN, f'waiting for {_agents(self._missing)}', values
+            return diagnostics.WARN, f'waiting for {agents_of(self._missing)}', values
         return diagnostics.OK, 'running', values
-
-
-class RealTime:
-    """
-    The plant steps on a timer and applies the newest commands, whatever has come.
-
-    A step lasts as long as it really was, on the node's clock, since the one before. A command
-    whose stamp is older than ``command_timeout`` counts as zero.
-
-    :param plant: the node
-    :param agents: indices, from 0, of the agents that have anything to answer
-    """
-
-    DEFAULT_TIMEOUT = 0.5
-    steps_by_itself = True  # it is time enough to read the commands when the next step is due
-
-    def __init__(self, plant, agents):
-        self.stamp = 0  # of the newest measurements [ns]
-        self.steps = self.late_steps = self.fresh_commands = 0
-        self.paused = False
-        self._plant = plant
-        self._agents = agents
-        self._rates = [STILL] * len(plant.bodies.axes)
-        self._stamps = [0] * len(self._rates)
-        self._silent = 0
-        self._elapsed = 0  # formation time in which the bodies were not paused [ns]
-        self._duration = self._timer = None
-
-    def configure(self, values):
-        """Take the parameters, at the start and whenever they change."""
-        period = _period(values['rate'])
-        timeout = values['command_timeout'] or max(self.DEFAULT_TIMEOUT, 3.0 * period / 1e9)
-        self._timeout = round(min(timeout, 1e9) * 1e9)
-        if self._timer is None:
-            self._duration = round(values['duration'] * 1e9) or None
-        elif period != self._period:
-            self._plant.destroy_timer(self._timer)
-            self._timer = None
-        if self._timer is None:
-            self._period = period
-            self._timer = self._plant.create_timer(period / 1e9, self._on_timer)
-
-    def start(self):
-        """Begin; the timer does the rest."""
-
-    def stop(self):
-        """Take no step any more."""
-        self._timer.cancel()
-
-    def pause(self, paused):
-        """Let the bodies rest, or go on; the sensors go on measuring."""
-        self.paused = paused
-
-    def run_until(self, stamp):
-        """Go on; real time does not wait."""
-        self.pause(False)
-
-    def state_changed(self):
-        """Publish the state; the commands so far were for another one."""
-        self._plant.read_commands()
-        self._forget_commands()
-        self.stamp = self._plant.get_clock().now().nanoseconds
-        self._plant.publish(self.stamp)
-
-    def _forget_commands(self):
-        self._rates = [STILL] * len(self._rates)
-        self._stamps = [0] * len(self._stamps)
-
-    def command(self, i, stamp, rate):
-        """
-        Take the command of agent i as its answer to the measurements of a time.
-
-        :param i: index of the agent, from 0
-        :param stamp: time of the measurements [ns]
-        :param rate: angular velocity (x, y, z) in the body frame [rad/s]
-        :raises Rejected: if it is older than the one in use, or far from the future
-        """
-        if stamp < self._stamps[i]:
-            raise Rejected(Rejected.OLD_STAMP)
-        if stamp > self.stamp + FUTURE_TOLERANCE:
-            raise Rejected(Rejected.FUTURE_STAMP)
-        self._stamps[i] = stamp
-        self._rates[i] = rate
-
-    def _on_timer(self):
-        self._plant.read_commands()
-        now = self._plant.get_clock().now().nanoseconds
-        before, self.stamp = self.stamp, now
-        elapsed = now - before
-        if not before or elapsed <= 0:  # the first time, or the clock was set back
-            self._forget_commands()
-        elif not self.paused:
-            oldest = now - self._timeout
-            rates = []
-            self._silent = 0
-            for i, stamp in enumerate(self._stamps):
-                if stamp >= oldest:
-                    rates.append(self._rates[i])
-                    self.fresh_commands += stamp >= before
-                else:
-                    rates.append(STILL)
-                    self._silent |= 1 << i
-            self._plant.bodies.step(elapsed / 1e9, rates)
-            self.steps += 1
-            self.late_steps += elapsed > 1.5 * self._period
-            self._elapsed += elapsed
-            if self._duration is not None and self._elapsed >= self._duration:
-                self.paused, self._duration = True, None
-        self._plant.publish(now)
-
-    def assess(self, health):
-        """Return level, message and figures for the diagnostics."""
-        rates = health.rates({'step rate [Hz]': self.steps})
-        expected = self.steps * len(self._agents)
-        values = {'mode': 'realtime', 'steps': self.steps, **rates,
-                  'deadline misses': self.late_steps,
-                  'commands not answering the previous step': expected - self.fresh_commands}
-        for i in self._agents:
-            age = (self.stamp - self._stamps[i]) / 1e9 if self._stamps[i] else math.inf
-            values[f'age of command of agent_{i + 1} [s]'] = age
-        silent = self._silent & sum(1 << i for i in self._agents)
-        if self.paused:
-            return diagnostics.OK, 'paused', values
-        if silent:
-            return diagnostics.ERROR, f'held still, no recent command: {_agents(silent)}', values
-        return diagnostics.OK, 'running', values
-
-
-def _agents(bits):
-    """Return the names of the agents whose bits are set."""
-    return ', '.join(names.agent(i + 1) for i in range(bits.bit_length()) if bits >> i & 1)

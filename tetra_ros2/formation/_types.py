@@ -1,0 +1,24 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Names of types that many modules use."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+"""An array of floats."""
+
+Spectrum = NDArray[np.inexact[Any]]
+"""Eigenvalues, or Floquet multipliers: complex, or real where all of them are."""
+
+Vector = tuple[float, float, float]
+"""A vector in plain floats, x y z."""
+
+Matrix = tuple[float, float, float, float, float, float, float, float, float]
+"""A rotation matrix in plain floats, column by column."""
+
+Quaternion = tuple[float, float, float, float]
+"""A unit quaternion in plain floats, x y z w."""
