@@ -181,10 +181,11 @@ def describe(summary, launcher, wall_time):
     rows.append(('error', f'{summary.error:.3g} {unit} (tolerance {summary.tolerance:g})'))
     angles = [math.degrees(angle) for angle in summary.angles]
     rows.append(('angles', f'{min(angles):.4f} to {max(angles):.4f} deg between any two'))
-    if summary.predicted is not None or topology.kind == 'rotating':
+    spins = summary.predicted is not None or topology.axis_name is not None
+    if spins:
         rows.append(('', ''))
     for caption, spin in (('predicted', summary.predicted), ('measured', summary.measured)):
-        if spin is not None and (summary.predicted is not None or topology.kind == 'rotating'):
+        if spin is not None and spins:
             rows.append((caption, _describe_spin(spin)))
     if summary.axis_drift is not None:
         rows.append(('axis', f'agent_{topology.axis_agent} itself moves at '
@@ -204,7 +205,7 @@ def _describe_spin(spin):
     if math.isinf(spin.period):
         return 'at rest'
     text = f'{spin.rate:.6f} rad/s, one turn in {spin.period:.4f} s'
-    if spin.axis is not None:
+    if spin.about is not None:
         sense = {1: 'counter-clockwise', -1: 'clockwise', 0: 'not'}[spin.sense]
-        text += f', {sense} about the direction of agent_{spin.axis}'
+        text += f', {sense} about {spin.about}'
     return text

@@ -81,7 +81,7 @@ def test_a_wrong_call_is_refused_in_one_line(arguments, fragments):
 
 
 @pytest.mark.parametrize(('text', 'fragments'), [
-    (ABOVE + 'topology: {kind: ring}', ['topology.kind', "'ring'", 'complete']),
+    (ABOVE + 'topology: {kind: wheel}', ['topology.kind', "'wheel'", 'complete']),
     (ABOVE + 'topology: {kind: rotating, k: 5}', ['topology.k', '5', 'from 1 to 4']),
     (ABOVE + 'topology: {kind: rotating, p: 2}', ['topology.p', '2', 'from 0 to 1']),
     (ABOVE + 'gain: {kind: sine}', ['gain.kind', "'sine'"]),

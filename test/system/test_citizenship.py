@@ -61,7 +61,7 @@ def test_parameters_are_described_with_their_ranges(probe, kind, node_type, argu
         rate = bench.node.describe_parameter('gain.a')
         assert rate.floating_point_range[0].from_value == 1e-9
         n = bench.node.describe_parameter('topology.n')
-        assert (n.integer_range[0].from_value, n.integer_range[0].to_value) == (2, 1000)
+        assert (n.integer_range[0].from_value, n.integer_range[0].to_value) == (0, 1000)
 
 
 @pytest.mark.parametrize(('n', 'hint'), [(2, 'algebraically'), (6, 'continuum')])

@@ -112,6 +112,7 @@ def make_plan(arguments):
         values = file.values('plant')
         for kind in arguments.gain or [values['gain.kind']]:
             parameters = {spec.name: values[spec.name] for spec in FORMATION}
+            parameters['topology.points'] = file.values('monitor')['topology.points']
             parameters['gain.kind'] = kind
             parameters['rate'] = values['rate']
             parameters = {k: list(v) if isinstance(v, tuple) else v

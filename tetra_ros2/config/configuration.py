@@ -69,11 +69,14 @@ def gain_from_parameters(values):
 
 
 def _topology(values):
-    kind, n, edges = values['topology.kind'], values['topology.n'], values['topology.edges']
-    if edges and kind != 'custom':
+    kind, edges = values['topology.kind'], values['topology.edges']
+    _refuse_foreign(values)
+    if kind == 'polyhedron':
+        return _polyhedron(values)
+    if values['topology.n'] == 1:
         raise ConfigurationError(
-            f'a {kind} topology has its own edges; say kind: custom to give others',
-            key='topology.edges')
+            '1 is not valid, expected an integer from 2 to 1000', key='topology.n')
+    n = values['topology.n'] or 4
     if kind == 'complete':
         return topologies.complete(n)
     if kind == 'rotating':
@@ -81,6 +84,10 @@ def _topology(values):
             raise ConfigurationError(
                 f'{n} is not valid, the rotating topology needs 4', key='topology.n')
         return topologies.rotating(values['topology.k'], values['topology.p'])
+    if kind == 'ring':
+        # Here and below: the agents of other graphs load no shape.
+        from tetra_ros2.formation import targets
+        return targets.ring(n, values['topology.spin'])
     parsed = []
     for index, text in enumerate(edges):
         try:
@@ -93,11 +100,67 @@ def _topology(values):
                 f'{text!r} is not valid, expected "i j" or "i j weight", such as "1 2 0.5"',
                 key=f'topology.edges[{index}]') from None
     try:
-        return topologies.custom(n, parsed)
+        topology = topologies.custom(n, parsed)
     except topologies.EdgeError as error:
         raise ConfigurationError(
             f'{edges[error.index]!r} is not valid: {error}',
             key=f'topology.edges[{error.index}]') from None
+    points = values.get('topology.points', ())  # only who watches has them
+    if not points:
+        return topology
+    from tetra_ros2.formation import targets
+    try:
+        return targets.given(topology, targets.directions(points))
+    except ValueError as error:
+        raise ConfigurationError(str(error), key='topology.points') from None
+
+
+def _refuse_foreign(values):
+    """Refuse values that the kind of the topology has no use for."""
+    kind = values['topology.kind']
+    for key, kinds, why in (
+            ('topology.edges', ('custom',),
+             f'a {kind} topology has its own edges; say kind: custom to give others'),
+            ('topology.points', ('custom',),
+             f'a {kind} topology has its own shape; say kind: custom to give another'),
+            ('topology.spin', ('polyhedron', 'ring'),
+             f'a {kind} topology has no spin to choose; say kind: polyhedron or ring'),
+            ('topology.class_weights', ('polyhedron',),
+             f'a {kind} topology has no classes of distance; say kind: polyhedron')):
+        if values.get(key) and kind not in kinds:
+            raise ConfigurationError(why, key=key)
+
+
+def _polyhedron(values):
+    from tetra_ros2.formation import targets
+    solid, n = values['topology.polyhedron'], values['topology.n']
+    needed = targets.number_of_vertices(solid)
+    if n not in (0, needed):
+        raise ConfigurationError(
+            f'{n} is not valid, the {solid} needs {needed}; leave it out', key='topology.n')
+    axis = values['topology.axis']
+    if axis not in targets.AXES:
+        try:
+            axis = np.array([float(x) for x in axis.strip('[]() ').replace(',', ' ').split()])
+            if axis.shape != (3,):
+                raise ValueError
+        except ValueError:
+            raise ConfigurationError(
+                f'{shown(values["topology.axis"])} is not valid'
+                f'{nearest(values["topology.axis"], targets.AXES)}, expected vertex, edge, face, '
+                'or three numbers in quotes, such as "0 0.6 0.8"',
+                key='topology.axis') from None
+        try:
+            sphere.normalize(axis)
+        except ValueError as error:
+            raise ConfigurationError(
+                f'{shown(values["topology.axis"])} is not valid: {error}',
+                key='topology.axis') from None
+    try:
+        return targets.polyhedron(
+            solid, values['topology.class_weights'], axis, values['topology.spin'])
+    except ValueError as error:  # the rest has been checked
+        raise ConfigurationError(str(error), key='topology.class_weights') from None
 
 
 def _axes(values, n):

@@ -53,6 +53,7 @@ class Parameter:
     :param pattern_name: what such a string is, in words
     :param items: the type of the elements, for lists
     :param dynamic: whether it may be changed while the node runs
+    :param form: what a right value is, in words, where the above cannot tell
     """
 
     name: str
@@ -65,10 +66,13 @@ class Parameter:
     pattern_name: str = ''
     items: type | None = None
     dynamic: bool = False
+    form: str = ''
 
     @property
     def expected(self):
         """Return in words what a right value is."""
+        if self.form:
+            return self.form
         if self.choices:
             return 'one of ' + ', '.join(self.choices) + (
                 f', or {self.pattern_name}' if self.pattern else '')
@@ -141,8 +145,8 @@ FORMATION = (
     Parameter(
         'topology.kind', 'complete', 'Who sees whom.', choices=topologies.KINDS),
     Parameter(
-        'topology.n', 4, 'Number of agents; the rotating topology needs 4.',
-        minimum=2, maximum=1000),
+        'topology.n', 0, 'Number of agents; 0 for that of the polyhedron, and for 4 with the '
+        'other kinds. The rotating topology needs 4.', minimum=0, maximum=1000),
     Parameter(
         'topology.k', 1, 'Rotating topology: the agent on the axis of rotation.',
         minimum=1, maximum=4),
@@ -152,6 +156,21 @@ FORMATION = (
     Parameter(
         'topology.edges', (),
         'Custom topology: "i j" or "i j weight" for each agent j that agent i sees.', items=str),
+    Parameter(
+        'topology.polyhedron', 'tetrahedron', 'Polyhedron topology: the solid to form.',
+        choices=topologies.POLYHEDRA),
+    Parameter(
+        'topology.axis', 'vertex', 'Polyhedron topology: the axis it turns about, fixed in the '
+        'solid: through agent 1, through an edge or a face of its, or a vector in the frame of '
+        'the vertices.', form='vertex, edge, face, or three numbers in quotes, such as '
+        '"0 0.6 0.8"'),
+    Parameter(
+        'topology.spin', 0.0, 'Polyhedron and ring: the share of the largest spin that leaves '
+        'every weight at 0 or more; the sign is the sense, 0 is at rest.',
+        minimum=-1.0, maximum=1.0),
+    Parameter(
+        'topology.class_weights', (), 'Polyhedron topology: a weight for each distance between '
+        'vertices, nearest first; empty for those recommended.', items=float),
     Parameter(
         'gain.kind', 'cosine', 'Family of the gain function f(theta).',
         choices=tuple(gains.KINDS), pattern=gains.OWN,
@@ -219,6 +238,9 @@ PLANT = FORMATION + (
 )
 
 MONITOR = FORMATION + (
+    Parameter(
+        'topology.points', (), 'Custom topology: the directions that its weights are made for, '
+        '3 n numbers; empty if there are none. The agents do not know them.', items=float),
     Parameter(
         'tolerance', 1e-3, 'A formation whose error stays below this has formed [rad].',
         minimum=1e-15, maximum=math.pi, dynamic=True),

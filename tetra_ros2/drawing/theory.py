@@ -4,6 +4,7 @@
 """The numbers of theory beside those that were measured, and how to write them down."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -29,12 +30,16 @@ class Theory:
     @property
     def shape(self):
         """Return the shape that is to come out; that of equal weights where they are unknown."""
-        return shapes.known_shape(self.topology or topologies.complete(self.n))
+        return shapes.known_shape(self._topology)
+
+    @cached_property
+    def _topology(self):
+        return self.topology or topologies.complete(self.n)
 
     def error(self, gamma):
         """Return how far the worst pairwise angle is [rad], from the last one's if need be."""
         if self.shape is not None:
-            return measures.shape_error(gamma, self.shape.angles)
+            return shapes.admissible_angles(self._topology).errors(gamma)
         angles = measures.pairwise_angles(gamma)
         return np.max(np.abs(angles - angles[-1]), axis=-1)
 
@@ -49,10 +54,8 @@ class Theory:
         shape = self.shape
         if shape is None or self.n == 2:  # a pair may approach its shape slower than any rate
             return None, None
-        ideal = shape.points
-        if shape is shapes.TETRAHEDRON and measures.chirality(gamma) != measures.chirality(ideal):
-            ideal = -ideal
-        there = stability.transverse(ideal, self.topology.weights, self.gain)
+        # The mirror image spins and decays alike.
+        there = stability.transverse(shape.points, self.topology.weights, self.gain)
         slowest = -float(there.eigenvalues[0].real)
         return float(np.linalg.norm(there.spin)), slowest if slowest > 1e-6 else None
 

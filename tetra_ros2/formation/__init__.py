@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     )
     from tetra_ros2.formation.shapes import known_shape, Shape
     from tetra_ros2.formation.stability import Equilibrium
+    from tetra_ros2.formation.targets import polyhedron, ring
     from tetra_ros2.formation.topology import complete, custom, rotating, Topology
 
 __all__ = [
@@ -56,6 +57,8 @@ __all__ = [
     'complete',
     'custom',
     'known_shape',
+    'polyhedron',
+    'ring',
     'rotating',
 ]
 
@@ -66,6 +69,7 @@ _HOMES = {
     'gain': ('Cosine', 'Exponential', 'Gain', 'Gaussian', 'Linear', 'Rational'),
     'shapes': ('Shape', 'known_shape'),
     'stability': ('Equilibrium',),
+    'targets': ('polyhedron', 'ring'),
     'topology': ('Topology', 'complete', 'custom', 'rotating'),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}

@@ -49,13 +49,15 @@ class Trajectory:
         """
         Return the largest distance of a pairwise angle from the known shape's [rad], ``(k,)``.
 
+        Agents count as exchanged where the graph allows it.
+
         :raises ValueError: if no shape is known for the topology
         """
         shape = self.formation.shape
         if shape is None:
             raise ValueError(
                 'no shape is known for this topology; compare angles with what you expect')
-        return measures.shape_error(self.reduced_attitudes, shape.angles)
+        return shapes.admissible_angles(self.formation.topology).errors(self.reduced_attitudes)
 
     def time_to_form(self, tolerance: float = 1e-3) -> float | None:
         """
@@ -85,10 +87,10 @@ class Trajectory:
 
         It is evaluated at the ideal shape, laid over the last sample.
 
-        :raises ValueError: if the known shape is not the tetrahedron
+        :raises ValueError: if no shape is known for the topology
         """
-        if self.formation.shape is not shapes.TETRAHEDRON:
-            raise ValueError('only the spin of the tetrahedron is predicted')
+        if self.formation.shape is None:
+            raise ValueError('no shape is known for this topology, so no spin is predicted')
         return shapes.predicted_angular_velocity(
             self.reduced_attitudes[-1], self.formation.topology, self.formation.gain)
 

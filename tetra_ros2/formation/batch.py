@@ -43,7 +43,8 @@ def advance(gamma: Array, weights: Array, gain: Gain, h: float) -> Array:
 
 
 def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, target_angles: Array,
-        tolerance: float, h: float, longest: int, hold: int) -> tuple[NDArray[np.int64], Array]:
+        tolerance: float, h: float, longest: int, hold: int,
+        labelled: bool = False) -> tuple[NDArray[np.int64], Array]:
     """
     Run every start until it has formed, or for so many steps.
 
@@ -53,18 +54,22 @@ def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, target_angles: Array,
     :param gamma: reduced attitudes at the start, ``(m, n, 3)``
     :param weights: ``(n, n)``
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
-    :param target_angles: the shape's pairwise angles [rad] in ascending order
+    :param target_angles: the shape's pairwise angles [rad] in ascending order, which those of a
+        start are compared with in ascending order; if ``labelled``, that of each pair
     :param tolerance: on each of them [rad]
     :param h: length of a step [s]
     :param longest: how many steps at most
     :param hold: for how many steps the error must stay below the tolerance
+    :param labelled: whether each pair has an angle of its own, for i < j in lexicographic order
     :returns: the step at which each formed or NEVER, ``(m,)``, and the last reduced attitudes
     """
     gamma, weights = np.array(gamma, dtype=float), np.asarray(weights, dtype=float)
     formed = np.full(len(gamma), NEVER)
     active = np.arange(len(gamma))
     for step in range(longest + 1):
-        good = measures.shape_error(gamma[active], target_angles) <= tolerance
+        angles = measures.pairwise_angles(gamma[active])
+        angles = angles if labelled else np.sort(angles, axis=-1)
+        good = np.max(np.abs(angles - target_angles), axis=-1) <= tolerance
         since = formed[active]
         formed[active] = np.where(good, np.where(since == NEVER, step, since), NEVER)
         done = good & (step - formed[active] >= hold)
@@ -75,7 +80,7 @@ def run(gamma: ArrayLike, weights: ArrayLike, gain: Gain, target_angles: Array,
     return formed, gamma
 
 
-def fastest(gain: Gain, n: int) -> Run:
+def fastest(gain: Gain, n: int, labelled: bool = False) -> Run:
     """
     Return the fastest there is: what :func:`compiled` returns, or else :func:`run`.
 
@@ -84,6 +89,7 @@ def fastest(gain: Gain, n: int) -> Run:
 
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :param n: number of agents
+    :param labelled: as :func:`run` will be told
     """
     try:
         import numba  # it is optional
@@ -93,7 +99,7 @@ def fastest(gain: Gain, n: int) -> Run:
         made = compiled(gain)
         # It compiles here; no step is taken.
         made(np.tile([1.0, 0.0, 0.0], (1, n, 1)), np.zeros((n, n)), gain,
-             np.zeros(n * (n - 1) // 2), 1e-3, 1.0, 0, 0)
+             np.zeros(n * (n - 1) // 2), 1e-3, 1.0, 0, 0, labelled)
     except numba.core.errors.NumbaError:
         return run
     return made
@@ -109,17 +115,18 @@ def compiled(gain: Gain) -> Run:
     """
     def run_compiled(gamma: ArrayLike, weights: ArrayLike, gain: Gain,
                      target_angles: ArrayLike, tolerance: float, h: float, longest: int,
-                     hold: int) -> tuple[NDArray[np.int64], Array]:
+                     hold: int, labelled: bool = False) -> tuple[NDArray[np.int64], Array]:
         weights = np.array(weights, dtype=float)
-        kernel = _kernel(type(gain), len(weights))
+        kernel = _kernel(type(gain), len(weights), labelled)
         # Comparing cosines saves the arc tangents. Ascending angles have descending cosines.
         targets = np.asarray(target_angles)
         least = np.where(targets + tolerance < math.pi, np.cos(targets + tolerance), -2.0)
         most = np.where(targets > tolerance, np.cos(targets - tolerance), 2.0)
         gamma = np.array(gamma, dtype=float)
         formed = np.full(len(gamma), NEVER)
-        kernel(gamma, weights, parameters_of(gain), least[::-1].copy(),
-               most[::-1].copy(), h, longest, hold, formed)
+        step = 1 if labelled else -1
+        kernel(gamma, weights, parameters_of(gain), least[::step].copy(),
+               most[::step].copy(), h, longest, hold, formed)
         return formed, gamma
 
     return run_compiled
@@ -147,7 +154,7 @@ def _tuple_type(family: type[Gain]) -> Any:
 
 
 @cache
-def _kernel(family: type[Gain], n: int) -> Any:
+def _kernel(family: type[Gain], n: int, labelled: bool) -> Any:
     # A constant n lets the compiler unroll the loops over agents.
 
     of_cosine: Any
@@ -195,19 +202,25 @@ def _kernel(family: type[Gain], n: int) -> Any:
             while True:
                 pair = 0
                 pull[:] = 0.0
+                near = True
                 for i in range(n):
                     for j in range(i + 1, n):
-                        c = (gamma[i, 0] * gamma[j, 0] + gamma[i, 1] * gamma[j, 1]
-                             + gamma[i, 2] * gamma[j, 2])
-                        cosines[pair] = c
+                        edge = weights[i, j] != 0.0 or weights[j, i] != 0.0
+                        # Far from its shape, a start is told by its first pairs.
+                        if edge or near:
+                            c = (gamma[i, 0] * gamma[j, 0] + gamma[i, 1] * gamma[j, 1]
+                                 + gamma[i, 2] * gamma[j, 2])
+                            cosines[pair] = c
+                            if labelled:
+                                near = near and least[pair] <= c <= most[pair]
                         pair += 1
-                        if weights[i, j] != 0.0 or weights[j, i] != 0.0:
+                        if edge:
                             f = of_cosine(parameters, c)
                             there, back = weights[i, j] * f, weights[j, i] * f
                             for a in range(3):
                                 pull[i, a] += there * gamma[j, a]
                                 pull[j, a] += back * gamma[i, a]
-                if has_formed(cosines, least, most, order):
+                if near and (labelled or has_formed(cosines, least, most, order)):
                     if since == NEVER:
                         since = step
                     if step - since >= hold:

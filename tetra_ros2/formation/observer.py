@@ -11,7 +11,7 @@ import numpy as np
 from tetra_ros2.formation import measures
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.checks import Rejected, require_unit
-from tetra_ros2.formation.shapes import known_shape
+from tetra_ros2.formation.shapes import admissible_angles, known_shape
 from tetra_ros2.formation.topology import Topology
 
 
@@ -46,9 +46,8 @@ class Observer:
         self.error = math.inf
         self._pairs = [(i - 1, j - 1) for i, j in self.pairs]
         self._starts = range(0, 7 * topology.n, 7)
-        self._targets = None if self.shape is None else self.shape.angles.tolist()
-        # The target's angles have no order where they differ; the pairs do where they do not.
-        self._sorted = self.shape is not None and np.ptp(self.shape.angles) > 1e-9
+        # How far from the shape, agents exchanged where the graph allows it.
+        self._distance = None if self.shape is None else admissible_angles(topology).error
         self._angles: list[float] | None = None
 
     def observe(self, stamp: int, poses: Sequence[float]) -> bool:
@@ -75,15 +74,13 @@ class Observer:
             cosines.append(cosine)
             angles.append(math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), cosine))
         self.cosines = cosines
-        if self._sorted:
-            angles.sort()
-        if self._targets is not None:
-            self.error = max([abs(a - b) for a, b in zip(angles, self._targets)])
+        if self._distance is not None:
+            self.error = self._distance(angles)
         elif self._angles is not None and self.stamp is not None:
             change = max([abs(a - b) for a, b in zip(angles, self._angles)])
             self.error = change / (stamp - self.stamp) * 1e9
         self._angles = angles
-        scale = self.fastest if self._targets is None else 1.0
+        scale = self.fastest if self.shape is None else 1.0
         if not self.error < self.tolerance * scale:
             self.formed_at = None
         elif self.formed_at is None:

@@ -55,6 +55,15 @@ SOLIDS = {
 }
 """The vertices P_i of each solid, unit vectors ``(n, 3)``; agent i is at ``[i - 1]``."""
 
+CLASS_WEIGHTS = {
+    'tetrahedron': (0.5,),
+    'octahedron': (1.0, 6.0),
+    'cube': (0.0, 1.0, 4.0),
+    'icosahedron': (0.0, 1.0, 3.0),
+    'dodecahedron': (0.0, 0.0, 0.6, 1.0, 2.0),
+}
+"""Recommended S_c, nearest class first; ``docs/polyhedra.md`` says of which gain."""
+
 AXES = ('vertex', 'edge', 'face')
 """The axes that have a name: of agent 1, of an edge of its, of a face of its."""
 

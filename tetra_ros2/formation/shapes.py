@@ -7,14 +7,16 @@ The shapes that are known to come out, and the motion that is known to be left.
 This is for those who watch a formation. An agent has no use for it and never imports it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 import math
 
 import numpy as np
 
-from tetra_ros2.formation import law, measures, rotation
+from tetra_ros2.formation import law, measures, rotation, sphere, stability
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Cosine, Gain
+from tetra_ros2.formation.symmetry import AdmissibleAngles
 from tetra_ros2.formation.topology import Topology
 
 THETA_STAR = math.acos(-1.0 / 3.0)
@@ -28,7 +30,7 @@ class Shape:
     """A reference shape: its name and one copy of it, unit vectors of shape ``(n, 3)``."""
 
     name: str
-    points: Array
+    points: Array = field(repr=False)
 
     @property
     def angles(self) -> Array:
@@ -51,14 +53,17 @@ def known_shape(topology: Topology) -> Shape | None:
     """
     Return the shape that a topology is known to lead to, or None.
 
-    Under uniform weights these are the antipodal pair, the triangle, the tetrahedron and the
-    octahedron, for n = 2, 3, 4 and 6. Beyond that, the tetrahedron keeps its shape, if not its
-    attitude, under every weighted graph of four with ``W(i, j) + W(j, i) = (S_i + S_j) / 3``,
-    where S are the row sums: that is ``d cos(theta_ij) / dt = 0`` at the tetrahedron. The
-    paper's Graph As:RF:weighedgraph is one of these.
+    That is the shape it was made for, if it was made for one. Under uniform weights these are
+    the antipodal pair, the triangle, the tetrahedron and the octahedron, for n = 2, 3, 4 and 6.
+    Beyond that, the tetrahedron keeps its shape, if not its attitude, under every weighted graph
+    of four with ``W(i, j) + W(j, i) = (S_i + S_j) / 3``, where S are the row sums: that is ``d
+    cos(theta_ij) / dt = 0`` at the tetrahedron. The paper's Graph As:RF:weighedgraph is one of
+    these.
 
     :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
     """
+    if topology.shape is not None:
+        return topology.shape
     weights, n = topology.weights, topology.n
     if np.any(weights < 0.0) or not np.any(weights):
         return None
@@ -72,6 +77,24 @@ def known_shape(topology: Topology) -> Shape | None:
     return {2: ANTIPODAL, 3: TRIANGLE, 6: OCTAHEDRON}.get(n) if uniform else None
 
 
+@lru_cache(maxsize=32)
+def admissible_angles(topology: Topology) -> AdmissibleAngles:
+    """
+    Return the matrices of pairwise angles that count as the shape of a topology.
+
+    :param topology: one for which :func:`known_shape` is not None
+    """
+    shape = known_shape(topology)
+    assert shape is not None
+    # The automorphisms of a ring are the symmetries of what it forms, however long it is.
+    weights = None if topology.kind == 'ring' else topology.weights
+    return AdmissibleAngles(shape.points, weights)
+
+
+MOST_AGENTS = 60
+"""Beyond so many agents :func:`reservation` does not compute eigenvalues."""
+
+
 def reservation(topology: Topology, gain: Gain) -> str | None:
     """
     Say why a gain is a bad choice for a topology although its shape is known, or return None.
@@ -80,35 +103,106 @@ def reservation(topology: Topology, gain: Gain) -> str | None:
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     """
     shape = known_shape(topology)
+    if shape is None:
+        return None
     if shape is ANTIPODAL and gain.f(np.pi) < 1e-9 * gain.f(0.0):
         return ('f(pi) = 0: two agents approach the antipodal pair only algebraically, as '
                 '1 / sqrt(t); the exponential gain gets there')
+    if topology.kind == 'ring' and topology.n % 2 == 0 and gain.f(np.pi) < 1e-9 * gain.f(0.0):
+        return (f'f(pi) = 0: a ring of {topology.n} approaches the {shape.name} only '
+                'algebraically; the exponential gain gets there')
     if shape is OCTAHEDRON and isinstance(gain, Cosine):
         return ('the equilibria of six agents under the cosine gain are a continuum, of which the '
                 'octahedron is but one; the exponential gain gets there')
+    if topology.shape is None or topology.n > MOST_AGENTS:
+        return None
+    there = stability.transverse(shape.points, topology.weights, gain)
+    scale = float(gain.f(0.0) * np.max(np.abs(topology.weights)))
+    if there.residual > 1e-6 * scale:
+        return (f'the {shape.name} is no formation of these weights under this gain: it changes '
+                f'its shape at {there.residual:.3g} 1/s')
+    growing, neutral, _ = there.inertia
+    if growing or neutral:
+        why = ('it is not stable' if growing else
+               f'it is one of a continuum of {neutral} dimensions')
+        return (f'the {shape.name} will not come out under this gain: {why}; see '
+                'docs/polyhedra.md for the gains that lead to it')
     return None
+
+
+def _laid_over(gamma: Array, topology: Topology) -> Array:
+    """Return the ideal copy of a topology's shape nearest to the formation at hand, (n, 3)."""
+    shape = known_shape(topology)
+    assert shape is not None
+    ideal = shape.points[list(admissible_angles(topology).nearest(gamma))]
+    fits = [rotation.rotate(rotation.align(points, gamma)[None, :], points)
+            for points in (ideal, -ideal)]  # the latter is the mirror image
+    return min(fits, key=lambda points: float(np.sum((points - gamma)**2)))
 
 
 def predicted_angular_velocity(gamma: Array, topology: Topology, gain: Gain) -> Array:
     """
-    Return the angular velocity [rad/s] at which theory lets the tetrahedron at hand spin.
+    Return the angular velocity [rad/s] at which theory lets the formation at hand spin.
 
-    The ideal tetrahedron of the same chirality is laid over ``gamma``, and the law evaluated
-    there. For the rotating topology the result has the magnitude ``sqrt(3)/2 f(theta*)`` of the
-    paper's last proposition. Its direction is ``+Gamma_k`` or ``-Gamma_k``: p and the chirality
-    decide together, and which chirality comes out is up to the start; see
-    :func:`predicted_sense`.
+    The ideal shape of the same chirality is laid over ``gamma``, and the law evaluated there. For
+    the rotating topology the result has the magnitude ``sqrt(3)/2 f(theta*)`` of the paper's last
+    proposition. Its direction is ``+Gamma_k`` or ``-Gamma_k``: p and the chirality decide
+    together, and which chirality comes out is up to the start; see :func:`predicted_sense`.
 
-    :param gamma: reduced attitudes near a tetrahedron, ``(4, 3)``
-    :param topology: a topology for which :func:`known_shape` is the tetrahedron
+    :param gamma: reduced attitudes near the shape, ``(n, 3)``
+    :param topology: a topology for which :func:`known_shape` is not None
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :returns: in the world frame, ``(3,)``
     """
-    ideal = TETRAHEDRON.points
-    if measures.chirality(gamma) != measures.chirality(ideal):
-        ideal = -ideal
-    ideal = rotation.rotate(rotation.align(ideal, gamma)[None, :], ideal)
+    ideal = _laid_over(np.asarray(gamma, dtype=float), topology)
     return measures.angular_velocity(ideal, law.velocity(ideal, topology.weights, gain))
+
+
+def chirality(gamma: Array, topology: Topology) -> int:
+    """
+    Return the handedness of a formation: 1 or -1, and 0 where its shape has none.
+
+    Four agents have that of :func:`~tetra_ros2.formation.measures.chirality`. With other numbers
+    it is 1 if the agents lie as the points of the shape do, and -1 if they are their mirror image.
+    It is 0 if the shape is flat, not known, or one whose agents may change places.
+
+    :param gamma: reduced attitudes, ``(n, 3)``
+    :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
+    """
+    if topology.n == 4:
+        return int(measures.chirality(gamma))
+    shape = known_shape(topology)
+    if shape is None or np.linalg.matrix_rank(shape.points, tol=1e-6) < 3:
+        return 0
+    if len(admissible_angles(topology).permutations) > 1:
+        return 0
+    return int(np.sign(np.linalg.det(shape.points.T @ gamma)))
+
+
+def axis_direction(gamma: Array, topology: Topology) -> Array | None:
+    """
+    Return the axis that a topology turns its formation about, a unit vector in the world.
+
+    The axis is fixed in the formation. In the mirror image it is mirrored with it, so that a
+    vertex remains a vertex, and the sense about it is the other one. The axis of a ring is the
+    normal about which its agents follow one another counter-clockwise, each after the one before.
+
+    :param gamma: reduced attitudes, ``(n, 3)``
+    :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
+    :returns: ``(3,)``, or None if the topology has no axis or the formation is degenerate
+    """
+    if topology.axis_agent is not None:
+        return np.asarray(gamma[topology.axis_agent - 1])
+    if topology.axis is None:
+        return None
+    if topology.kind == 'ring':
+        vector = np.sum(np.cross(gamma, np.roll(gamma, -1, axis=0)), axis=0)
+    else:
+        shape = known_shape(topology)
+        assert shape is not None
+        # e as a sum of the P_i; the same sum of the Gamma_i lies to them as e to the P_i.
+        vector = np.linalg.pinv(shape.points.T) @ topology.axis @ gamma
+    return sphere.normalize(vector) if np.linalg.norm(vector) > 1e-9 else None
 
 
 def predicted_sense(topology: Topology, chirality: float) -> int:

@@ -23,14 +23,16 @@ class Spin:
     :param rate: angular speed [rad/s]
     :param period: of one turn [s]; infinite at rest
     :param axis: agent on the axis, where the topology has one
-    :param sense: about that agent's direction, seen from outside the sphere: 1 counter-clockwise,
-        -1 clockwise, 0 at rest or without an axis
+    :param sense: about the axis, seen from outside the sphere: 1 counter-clockwise, -1 clockwise,
+        0 at rest or without an axis
+    :param about: the axis in words, where the topology has one
     """
 
     rate: float
     period: float
     axis: int | None
     sense: int
+    about: str | None = None
 
 
 @dataclass(frozen=True)
@@ -46,10 +48,11 @@ class Summary:
     :param error: final error: how far the worst pairwise angle is from the shape [rad], or how
         fast the shape still changes [rad/s] where none is known
     :param angles: final pairwise angles theta_ij for i < j, lexicographic [rad]
-    :param chirality: 1 or -1 for four agents, 0 where there is none
+    :param chirality: 1 or -1, 0 where there is none; of
+        :func:`~tetra_ros2.formation.shapes.chirality`
     :param measured: the spin at the end; None if there was but one sample
     :param predicted: the spin that theory predicts for the topology, the gain and the chirality
-        that came out; None if the shape is not a tetrahedron or did not form
+        that came out; None if no shape is known or it did not form
     :param axis_drift: how fast the direction of the agent on the axis still moves [rad/s]
     """
 
@@ -82,12 +85,13 @@ def summarize(observer: Observer, topology: Topology, gain: Gain) -> Summary:
     axis = topology.axis_agent
     measured = predicted = drift = None
     if observer.count > 1:
-        measured = _spin(observer.angular_velocity, gamma, axis)
+        measured = _spin(observer.angular_velocity, gamma, topology)
         if axis is not None:
             before = np.array(observer.previous_poses).reshape(-1, 7)[axis - 1, :3]
             drift = float(np.linalg.norm(gamma[axis - 1] - before) / observer.interval)
-    if observer.shape is shapes.TETRAHEDRON and formed:
-        predicted = _spin(shapes.predicted_angular_velocity(gamma, topology, gain), gamma, axis)
+    if observer.shape is not None and formed:
+        predicted = _spin(
+            shapes.predicted_angular_velocity(gamma, topology, gain), gamma, topology)
     return Summary(
         shape=observer.shape.name if observer.shape is not None else None,
         formed=formed,
@@ -96,16 +100,17 @@ def summarize(observer: Observer, topology: Topology, gain: Gain) -> Summary:
         duration=observer.elapsed,
         error=observer.error,
         angles=tuple(measures.pairwise_angles(gamma).tolist()),
-        chirality=int(measures.chirality(gamma)) if topology.n == 4 else 0,
+        chirality=shapes.chirality(gamma, topology),
         measured=measured,
         predicted=predicted,
         axis_drift=drift,
     )
 
 
-def _spin(angular_velocity: Array, gamma: Array, axis: int | None) -> Spin:
+def _spin(angular_velocity: Array, gamma: Array, topology: Topology) -> Spin:
     rate = float(np.linalg.norm(angular_velocity))
     if rate < 1e-9:  # rounding, over a sample time
-        return Spin(rate, math.inf, axis, 0)
-    sense = 0 if axis is None else int(np.sign(angular_velocity @ gamma[axis - 1]))
-    return Spin(rate, 2.0 * math.pi / rate, axis, sense)
+        return Spin(rate, math.inf, topology.axis_agent, 0, topology.axis_name)
+    direction = shapes.axis_direction(gamma, topology)
+    sense = 0 if direction is None else int(np.sign(angular_velocity @ direction))
+    return Spin(rate, 2.0 * math.pi / rate, topology.axis_agent, sense, topology.axis_name)

@@ -38,6 +38,12 @@ def level_indices(values: np.ndarray, tolerance: float) -> np.ndarray:
     return np.searchsorted(levels, values, side='right')
 
 
+def weight_colors(weights: np.ndarray) -> np.ndarray:
+    """Return small integers that are equal where weights are, ``(n, n)``."""
+    weights = np.asarray(weights, dtype=float)
+    return level_indices(weights, SAME_WEIGHT * float(np.max(np.abs(weights), initial=0.0)))
+
+
 def isomorphisms(a: np.ndarray, b: np.ndarray, fixed: int = 0) -> Iterator[Permutation]:
     """
     Yield the permutations p with ``a[i, j] == b[p[i], p[j]]`` for all i and j.
@@ -85,8 +91,7 @@ def generators(weights: np.ndarray) -> list[Permutation]:
 
     :param weights: ``(n, n)``
     """
-    weights = np.asarray(weights, dtype=float)
-    colors = level_indices(weights, SAME_WEIGHT * float(np.max(np.abs(weights), initial=0.0)))
+    colors = weight_colors(weights)
     n = len(colors)
     found = []
     for k in range(n):
@@ -114,25 +119,26 @@ class AdmissibleAngles:
     at least half of the gap: a lower bound, exact again within half of the gap.
 
     :param points: one copy of the target shape, unit vectors, ``(n, 3)``
-    :param weights: ``(n, n)``
+    :param weights: ``(n, n)``; None if every automorphism is known to keep the target's angles
     """
 
-    def __init__(self, points: np.ndarray, weights: np.ndarray) -> None:
+    def __init__(self, points: np.ndarray, weights: np.ndarray | None) -> None:
         n = len(points)
         self._i, self._j = np.triu_indices(n, k=1)
         angles = np.zeros((n, n))
         angles[self._i, self._j] = measures.pairwise_angles(points)
         self._angles = angles + angles.T
         self._classes = level_indices(self._angles, SAME_ANGLE)
-        self._weights = level_indices(
-            np.asarray(weights), SAME_WEIGHT * float(np.max(np.abs(weights), initial=0.0)))
         levels = np.unique(np.round(self._angles[self._i, self._j], 9))
         steps = np.diff(levels)
         steps = steps[steps > SAME_ANGLE]
         self.gap = float(np.min(steps, initial=math.inf))
         self._sorted = np.sort(self._angles[self._i, self._j])
         self.permutations: list[Permutation] = [tuple(range(n))]
-        self.is_complete = self.gap == math.inf or self._find_all(generators(weights))
+        self.is_complete = True
+        if weights is not None and self.gap < math.inf:
+            self._weights = weight_colors(weights)
+            self.is_complete = self._find_all(generators(weights))
         self._lists = [self._list(p) for p in self.permutations]
         self._best = 0
 

@@ -5,14 +5,21 @@
 Who sees whom, and how much it counts: weighted directed graphs on the agents 1..n.
 
 Edge (i, j) means that agent i sees agent j, and W(i, j) weighs what it sees. To add a topology,
-write a function that returns a Topology and name it in KINDS.
+write a function that returns a Topology and name it in KINDS. Those that are made for a shape are
+in ``targets``.
 """
+
+from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:  # an agent loads this module, and is not to know of any shape
+    from tetra_ros2.formation.shapes import Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +29,11 @@ class Topology:
 
     :param kind: one of KINDS
     :param weights: W, shape ``(n, n)``, n >= 2, dimensionless; zero where there is no edge
-    :param axis_agent: the agent on the axis of rotation (the paper's k), rotating topology only
+    :param axis_agent: the agent on the axis of rotation (the paper's k), if there is one
     :param direction: the paper's p, rotating topology only
+    :param shape: the shape that the weights are made for, if they are
+    :param axis: what it is to turn about, a unit vector in the frame of the shape's points
+    :param axis_name: the axis in words
     :raises ValueError: if ``weights`` is not such a matrix
     """
 
@@ -31,6 +41,9 @@ class Topology:
     weights: np.ndarray = field(repr=False)
     axis_agent: int | None = None
     direction: int | None = None
+    shape: Shape | None = None
+    axis: np.ndarray | None = field(default=None, repr=False)
+    axis_name: str | None = None
 
     def __post_init__(self) -> None:
         """Check the weights and freeze them."""
@@ -93,7 +106,8 @@ def rotating(k: int = 1, p: int = 1) -> Topology:
     for i, successor in zip(others, others[1:] + others[:1]):
         seen, by = (successor, i) if p == 1 else (i, successor)
         weights[by - 1, seen - 1] = 1.0
-    return Topology('rotating', weights, axis_agent=k, direction=p)
+    return Topology('rotating', weights, axis_agent=k, direction=p,
+                    axis_name=f'the direction of agent_{k}')
 
 
 def others_in_order(k: int) -> tuple[int, int, int]:
@@ -139,4 +153,7 @@ class EdgeError(ValueError):
         self.index = index
 
 
-KINDS = ('complete', 'rotating', 'custom')
+KINDS = ('complete', 'rotating', 'custom', 'polyhedron', 'ring')
+
+POLYHEDRA = ('tetrahedron', 'octahedron', 'cube', 'icosahedron', 'dodecahedron')
+"""The names of the Platonic solids; what they look like is in ``polyhedra``."""

@@ -24,8 +24,7 @@ import yaml
 
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError
-from tetra_ros2.formation import batch, Formation, measures, rotation
-from tetra_ros2.formation.shapes import known_shape
+from tetra_ros2.formation import batch, Formation, measures, rotation, shapes
 from tetra_ros2.study.confidence import lower_bound
 
 CHUNK = 5000
@@ -111,11 +110,18 @@ def run_chunk(plan: Plan, which: int, chunk: int) -> tuple[np.ndarray, np.ndarra
     topology, gain = formation.topology, formation.gain
     gamma = rotation.rotate(plan.attitudes(chunk, topology.n), formation.pointing_axes)
     h = round(1e9 / case.parameters['rate']) / 1e9  # the plant counts nanoseconds
-    formed, gamma = batch.fastest(gain, topology.n)(
-        gamma, topology.weights, gain, known_shape(topology).angles, plan.tolerance, h,
-        math.ceil(plan.longest / h), math.ceil(plan.hold / h))
+    shape, admissible = shapes.known_shape(topology), shapes.admissible_angles(topology)
+    assert shape is not None  # a study of no known shape is refused before
+    angles = measures.pairwise_angles(shape.points)
+    labelled = admissible.is_complete and len(admissible.permutations) == 1
+    formed, gamma = batch.fastest(gain, topology.n, labelled)(
+        gamma, topology.weights, gain, angles if labelled else np.sort(angles), plan.tolerance, h,
+        math.ceil(plan.longest / h), math.ceil(plan.hold / h), labelled)
+    if not labelled:
+        # Agents may change places. The right angles between the wrong ones are another shape.
+        formed = np.where(admissible.errors(gamma) <= plan.tolerance, formed, batch.NEVER)
     times = np.where(formed == batch.NEVER, np.nan, formed * h)
-    handed = measures.chirality(gamma) if topology.n == 4 else np.zeros(len(gamma))
+    handed = np.array([shapes.chirality(points, topology) for points in gamma])
     return times, handed.astype(np.int8)
 
 
@@ -267,9 +273,8 @@ def _replay(plan: Plan, case: Case, start: int, time: float) -> str:
     """Return a configuration with which the launcher repeats a start."""
     chunk, place = divmod(start, plan.chunk)
     attitudes = plan.attitudes(chunk, case.formation().topology.n)[place]
-    shared = {k: v for k, v in case.parameters.items() if k != 'rate'}
-    if not shared['topology.edges']:
-        del shared['topology.edges']  # ROS 2 cannot tell the type of an empty list
+    # ROS 2 cannot tell the type of an empty list.
+    shared = {k: v for k, v in case.parameters.items() if k != 'rate' and v != []}
     document = {
         '/**': {'ros__parameters': shared},
         '/**/plant': {'ros__parameters': {
