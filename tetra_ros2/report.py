@@ -67,6 +67,8 @@ def main(arguments, config, ros_arguments):
                 print(f'tetra: error: {error}', file=sys.stderr)
                 return 1
         wall_time = time.monotonic() - begun
+        if launcher.viewer is not None:
+            launcher.viewer.ended = True
         while arguments.view and not interrupt.done():
             spin_some(launcher.executor, interrupt)  # who looks may look on
         if not launcher.monitor.observer.count:

@@ -7,10 +7,8 @@ import bags
 import numpy as np
 import pytest
 
-from tetra_ros2.drawing.theory import Theory
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import identify, rotation, shapes, topology
-from tetra_ros2.viewer.history import decay_rate
 
 GRAPHS = {
     'complete': topology.complete(4),
@@ -49,29 +47,3 @@ def test_motion_that_does_not_tell_the_neighbours_apart_is_not_explained():
     gamma = np.broadcast_to(shapes.TETRAHEDRON.points, (50, 4, 3))
     rates = np.zeros_like(gamma)
     assert identify.identify(gamma, rates, seen(GRAPHS['complete'], gains.Cosine())[2]) is None
-
-
-@pytest.mark.parametrize('gain', [gains.Cosine(), gains.Exponential(2.0)], ids=str)
-def test_the_predicted_rate_of_the_complete_graph_is_the_papers(gain):
-    f, slope = (float(g(shapes.THETA_STAR)) for g in (gain.f, gain.derivative))
-    paper = min(-2.0 * 2**0.5 * slope, -4.0 * 2**0.5 / 3.0 * slope + 8.0 / 3.0 * f)
-    spin, rate = Theory(4, GRAPHS['complete'], gain).rates(-shapes.TETRAHEDRON.points)
-    assert rate == pytest.approx(paper, rel=1e-9)
-    assert spin == pytest.approx(0.0, abs=1e-12)
-
-
-def test_the_error_decays_at_the_predicted_rate():
-    theory = Theory(4, GRAPHS['complete'], gains.Cosine())
-    attitudes, _ = bags.states(8000, theory.topology, theory.gain, h=0.001)
-    gamma = rotation.rotate(attitudes, [1.0, 0.0, 0.0])
-    measured = decay_rate(0.001 * np.arange(8000), theory.error(gamma))
-    assert measured == pytest.approx(theory.rates(gamma[-1])[1], rel=0.03)
-
-
-def test_what_is_not_known_is_not_predicted():
-    attracting = topology.custom(4, [(i, j, -1.0) for i, j, _ in GRAPHS['complete'].edges])
-    gamma = shapes.TETRAHEDRON.points
-    assert Theory(4, attracting, gains.Cosine()).rates(gamma) == (None, None)
-    assert Theory(4).rates(gamma) == (None, None)
-    assert Theory(4).shape is shapes.TETRAHEDRON
-    assert Theory(5).shape is None

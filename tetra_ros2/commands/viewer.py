@@ -11,6 +11,9 @@ def add_arguments(parser):
     _arguments.add_web(parser)
     parser.add_argument(
         '--bag', metavar='DIR', help='show this recording, with a time slider, and no ROS')
+    parser.add_argument(
+        '--html', metavar='FILE',
+        help='with --bag: write it as one page that plays in any browser by itself, and end')
     _arguments.add_node(parser)
 
 
@@ -19,6 +22,11 @@ def run(arguments):
     config, ros = _arguments.check_node(arguments)  # a viewer has no parameters of its own
     if arguments.bag is not None:
         from tetra_ros2.viewer import replay  # needs viser and rosbags
-        return replay.run(arguments)
+        return replay.run(arguments) if arguments.html is None else replay.write_page(arguments)
+    if arguments.html is not None:
+        from tetra_ros2.config.parameters import ConfigurationError  # loads PyYAML
+        raise ConfigurationError(
+            f'{arguments.html!r} is not valid without --bag: a page holds a recording',
+            key='--html')
     from tetra_ros2.viewer import node  # needs viser and ROS
     return node.main(arguments.host, arguments.port, arguments.read_only, config, ros)

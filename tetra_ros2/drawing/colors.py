@@ -19,26 +19,41 @@ SPHERE = '#eef2f6'
 FACE = '#8c9bab'
 
 
-def agent(i):
+DASHES = ((), (6.0, 2.0), (6.0, 2.0, 1.5, 2.0), (1.5, 1.5),
+          (6.0, 1.5, 1.5, 1.5, 1.5, 1.5), (10.0, 3.0))
+"""What tells lines apart in grey: for each, how long its dashes and gaps are in turn [points]."""
+
+MARKERS = ('o', 's', '^', 'D', 'v', 'P', 'X')
+"""And what tells points apart, as matplotlib names them."""
+
+
+def agent(i: int) -> str:
     """Return the colour of agent i, from 1, as ``#rrggbb``."""
     return AGENTS[(i - 1) % len(AGENTS)]
 
 
-def marker(i):
+def marker(i: int) -> int:
     """Return which kind of marker agent i has, from 0: agents of the same colour differ in it."""
     return (i - 1) // len(AGENTS)
 
 
-def pair(index):
+def pair(index: int) -> str:
     """Return the colour of a pair of agents by its place in lexicographic order, from 0."""
     return AGENTS[index % len(AGENTS)]
 
 
-def rgb(color):
+def pair_dash(index: int) -> tuple[float, ...]:
+    """Return the dashes of a pair's line: pairs of the same colour differ in them."""
+    return DASHES[(index + index // len(AGENTS)) % len(DASHES)]
+
+
+def rgb(color: str) -> tuple[int, int, int]:
     """Return the red, green and blue of ``#rrggbb``, from 0 to 255."""
-    return tuple(int(color[k:k + 2], 16) for k in (1, 3, 5))
+    red, green, blue = (int(color[k:k + 2], 16) for k in (1, 3, 5))
+    return red, green, blue
 
 
-def unit_rgb(color):
+def unit_rgb(color: str) -> tuple[float, float, float]:
     """Return the red, green and blue of ``#rrggbb``, from 0 to 1."""
-    return tuple(value / 255.0 for value in rgb(color))
+    red, green, blue = (value / 255.0 for value in rgb(color))
+    return red, green, blue

@@ -5,12 +5,23 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tetra_ros2.formation import measures, shapes, stability
+from tetra_ros2.formation import decay, measures, sampling, shapes, stability
 from tetra_ros2.formation import topology as topologies
-from tetra_ros2.viewer.history import decay_rate, spin_rate
+from tetra_ros2.formation.topology import Topology
+
+NEAR = 0.02
+"""Error [rad] below which a formation is at its equilibrium, to look where that is exactly."""
+
+MOST_SAMPLED = 12
+"""Agents up to which the equilibrium of the sampled loop is found while somebody watches."""
+
+Rates = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,78 +32,164 @@ class Theory:
     :param n: number of agents
     :param topology: who sees whom, or None if that is not known
     :param gain: the gain function, or None if that is not known
+    :param h: the time from one sample to the next [s], or None if that is not known
     """
 
     n: int
-    topology: object = None
-    gain: object = None
+    topology: Topology | None = None
+    gain: Any = None
+    h: float | None = None
 
     @property
-    def shape(self):
+    def known(self) -> bool:
+        """Return whether it is known by which law the agents move."""
+        return self.topology is not None and self.gain is not None and self.topology.n == self.n
+
+    def agrees_with(self, other: 'Theory') -> bool:
+        """Return whether this and another say the same."""
+        return (self.n, type(self.gain), self.gain, self.h) == (
+            other.n, type(other.gain), other.gain, other.h) and (
+            (self.topology is None) == (other.topology is None)) and (
+            self.topology is None or other.topology is None
+            or np.array_equal(self.topology.weights, other.topology.weights))
+
+    @cached_property
+    def shape(self) -> shapes.Shape | None:
         """Return the shape that is to come out; that of equal weights where they are unknown."""
         return shapes.known_shape(self._topology)
 
     @cached_property
-    def _topology(self):
+    def _topology(self) -> Topology:
         return self.topology or topologies.complete(self.n)
 
-    def error(self, gamma):
+    @cached_property
+    def fastest(self) -> float | None:
+        """Return a rate [rad/s] that no agent exceeds, or None if the law is not known."""
+        if self.topology is None or self.gain is None:
+            return None
+        return float(np.max(np.sum(np.abs(self.topology.weights), axis=1)) * self.gain.f(0.0))
+
+    def error(self, gamma: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far the worst pairwise angle is [rad], from the last one's if need be."""
         if self.shape is not None:
             return shapes.admissible_angles(self._topology).errors(gamma)
         angles = measures.pairwise_angles(gamma)
         return np.max(np.abs(angles - angles[-1]), axis=-1)
 
-    def rates(self, gamma):
-        """
-        Return how fast it spins [rad/s] and how fast its error decays [1/s], each or None.
-
-        :param gamma: reduced attitudes at hand, ``(n, 3)``
-        """
-        if self.topology is None or self.gain is None or self.topology.n != self.n:
-            return None, None
-        shape = self.shape
-        if shape is None or self.n == 2:  # a pair may approach its shape slower than any rate
-            return None, None
-        # The mirror image spins and decays alike.
-        there = stability.transverse(shape.points, self.topology.weights, self.gain)
+    @cached_property
+    def rates(self) -> Rates:
+        """Return how fast it spins [rad/s] and how fast its error decays [1/s], each or None."""
+        if self.topology is None or not self.known or self.shape is None or self.n == 2:
+            return None, None  # a pair may approach its shape slower than any rate
+        # The mirror image spins the other way, and as fast.
+        there = stability.transverse(self.shape.points, self.topology.weights, self.gain)
         slowest = -float(there.eigenvalues[0].real)
         return float(np.linalg.norm(there.spin)), slowest if slowest > 1e-6 else None
 
+    @cached_property
+    def _sampled(self) -> sampling.SampledEquilibrium | None:
+        """Return the equilibrium of the loop with its sampling, or None if that is not known."""
+        if self.topology is None or not self.known or self.shape is None or self.h is None \
+                or not 2 < self.n <= MOST_SAMPLED or self.rates[1] is None:
+            return None
+        try:
+            found = sampling.sampled_equilibrium(
+                self.shape.points, self.topology.weights, self.gain, self.h)
+        except np.linalg.LinAlgError:
+            return None
+        return found if found.residual < 1e-9 else None
 
-def table(theory, times, gamma, error, rates):
+    @cached_property
+    def sampled_rates(self) -> Rates:
+        """Return what :attr:`rates` are with the sampling of the loop, each or None."""
+        there = self._sampled
+        if there is None or self.h is None:
+            return None, None
+        slowest = float(-np.log(np.abs(there.multipliers()[0])) / self.h)
+        return float(np.linalg.norm(there.spin)), slowest if slowest > 1e-6 else None
+
+    @cached_property
+    def limit(self) -> NDArray[np.float64] | None:
+        """Return a copy of what the formation approaches, ``(n, 3)``, or None if not known."""
+        return None if self._sampled is None else self._sampled.gamma
+
+    def decay_rate(self, times: NDArray[np.float64], gamma: NDArray[np.float64]) -> float | None:
+        """
+        Return how fast the shape is seen to approach its limit [1/s], or None if it is not seen.
+
+        :param times: [s], ``(k,)``
+        :param gamma: reduced attitudes, ``(k, n, 3)``
+        """
+        if self.shape is None or self.limit is None or self.error(gamma[-1:])[0] > NEAR:
+            return None
+        rate = decay.decay_rate(gamma, times, self.limit)
+        return None if math.isnan(rate) else rate
+
+
+def spin_rate(times: NDArray[np.float64], gamma: NDArray[np.float64]) -> float | None:
+    """Return how fast the formation turns as a whole at the end [rad/s], or None."""
+    if len(times) < 2 or times[-1] <= times[-2]:
+        return None
+    return float(np.linalg.norm(measures.mean_angular_velocity(
+        gamma[-2], gamma[-1], float(times[-1] - times[-2]))))
+
+
+def table(theory: Theory, times: NDArray[np.float64], gamma: NDArray[np.float64],
+          since: float = -math.inf) -> str:
     """
-    Return the numbers as a Markdown table.
+    Return the numbers of theory and of a run as a Markdown table.
 
     :param theory: a :class:`Theory`
     :param times: [s], ``(k,)``
     :param gamma: reduced attitudes, ``(k, n, 3)``
-    :param error: [rad], ``(k,)``
-    :param rates: as :meth:`Theory.rates` has them
+    :param since: time from which on theory has been true [s]
     """
-    spin, decay = rates
     cosines = measures.pairwise_cosines(gamma[-1])
     targets = '—'
     if theory.shape is not None:
-        targets = ', '.join(f'{value:.4f}' for value in np.unique(
-            np.round(np.cos(theory.shape.angles), 6)))
+        targets = _cosines(np.cos(theory.shape.angles))
     measured_spin = spin_rate(times, gamma)
+    (spin, slowest), (sampled_spin, sampled_slowest) = theory.rates, theory.sampled_rates
     rows = [
-        ('cosines', targets, f'{np.min(cosines):.4f} … {np.max(cosines):.4f}'),
-        ('spin [rad/s]', _number(spin), _number(measured_spin)),
-        ('turn [s]', _period(spin), _period(measured_spin))]
+        ('cosines', targets, '', f'{np.min(cosines):.4f} … {np.max(cosines):.4f}'),
+        ('spin [rad/s]', _number(spin), _number(sampled_spin), _number(measured_spin)),
+        ('turn [s]', _period(spin), _period(sampled_spin), _period(measured_spin))]
     if theory.shape is not None:  # otherwise there is nothing known to be away from
-        rows[1:1] = [('error [rad]', '0', f'{error[-1]:.2e}')]
-        rows += [('decay [1/s]', _number(decay), _number(decay_rate(times, error)))]
-    lines = ['|  | theory | measured |', '|:--|--:|--:|']
-    return '\n'.join(lines + [f'| {name} | {a} | {b} |' for name, a, b in rows])
+        late = times >= since
+        measured = theory.decay_rate(times[late], gamma[late]) if np.any(late) else None
+        rows[1:1] = [('error [rad]', '0', _offset(theory),
+                      f'{theory.error(gamma[-1:])[0]:.2e}')]
+        rows += [('decay [1/s]', _number(slowest), _number(sampled_slowest), _number(measured))]
+    if theory.sampled_rates == (None, None):
+        lines = ['|  | theory | measured |', '|:--|--:|--:|']
+        return '\n'.join(lines + [f'| {name} | {a} | {c} |' for name, a, _, c in rows])
+    rate = f'{1.0 / (theory.h or 1.0):.4g} Hz'
+    lines = [f'|  | theory | at {rate} | measured |', '|:--|--:|--:|--:|']
+    return '\n'.join(lines + [f'| {name} | {a} | {b} | {c} |' for name, a, b, c in rows])
 
 
-def _number(value):
+def _cosines(values: NDArray[np.float64]) -> str:
+    """Return the cosines of a shape, at most a few of them."""
+    distinct = np.unique(np.round(values, 6)) + 0.0
+    if len(distinct) > 5:
+        return f'{distinct[0]:.4f} … {distinct[-1]:.4f}'
+    return ', '.join(f'{value:.4f}' for value in distinct)
+
+
+def _offset(theory: Theory) -> str:
+    """Return the error that sampling leaves."""
+    there = theory._sampled
+    if there is None:
+        return '—'
+    offset = float(theory.error(there.gamma[None])[0])
+    return '0' if offset < 1e-9 else f'{offset:.2e}'
+
+
+def _number(value: float | None) -> str:
     return '—' if value is None else f'{value:.4f}'
 
 
-def _period(rate):
+def _period(rate: float | None) -> str:
     if rate is None:
         return '—'
     return f'{2.0 * np.pi / rate:.3f}' if rate > 1e-3 else 'at rest'

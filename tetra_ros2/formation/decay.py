@@ -8,8 +8,11 @@ from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import measures
 
+WORST_FIT = 0.05
+"""Part of the deviation, a fortieth of the way on, that may stay unexplained in the mean."""
 
-def decay_rate(gamma: ArrayLike, step: float, limit: ArrayLike, *, largest: float = 1e-3,
+
+def decay_rate(gamma: ArrayLike, step: ArrayLike, limit: ArrayLike, *, largest: float = 1e-3,
                smallest: float = 1e-8) -> float:
     """
     Return the slowest rate at which the shape of a formation approaches its limit [1/s].
@@ -19,30 +22,44 @@ def decay_rate(gamma: ArrayLike, step: float, limit: ArrayLike, *, largest: floa
     straight line through the logarithm of the error gives the same where the slowest mode is
     real and alone. Under the rotating graph there are two slow pairs of complex modes.
 
-    :param gamma: reduced attitudes at equal intervals of time, ``(k, n, 3)``
-    :param step: that interval [s]
+    :param gamma: reduced attitudes, ``(k, n, 3)``
+    :param step: the interval of time from each to the next [s]; or their times, ``(k,)``, if
+        the intervals differ
     :param limit: a formation of the shape that is approached, ``(n, 3)``
     :param largest: deviation of a cosine from which on the motion is linear enough
     :param smallest: deviation of a cosine below which rounding disturbs
-    :returns: NaN if the samples do not show the approach
+    :returns: NaN if the samples do not show an exponential approach, by a factor of ten
     """
     gamma = np.asarray(gamma, dtype=float)
+    times = np.asarray(step, dtype=float)
+    if not times.ndim:
+        times = times * np.arange(len(gamma))
     deviation = measures.pairwise_cosines(gamma) - measures.pairwise_cosines(limit)
     modes = 2 * gamma.shape[1] - 3  # so many of the cosines are independent
     size = np.max(np.abs(deviation), axis=1)
     above = np.flatnonzero(size > largest)
-    first = above[-1] + 1 if len(above) else 0
+    first = int(above[-1]) + 1 if len(above) else 0
     below = np.flatnonzero(size[first:] < smallest)
-    last = first + (below[0] if len(below) else len(size) - first)
-    lag = max(1, (last - first) // 40)
-    if last - first < 4 * modes or size[last - 1] > 0.1 * size[first]:
+    last = first + (int(below[0]) if len(below) else len(size) - first)
+    count = last - first
+    if count < 4 * modes or size[last - 1] > 0.1 * size[first]:
         return float('nan')
-    before, after = deviation[first:last - lag], deviation[first + lag:last]
+    times, deviation = times[first:last], deviation[first:last]
+    period = (times[-1] - times[0]) / (count - 1)
+    even = times[0] + period * np.arange(count)
+    if np.max(np.abs(times - even)) > 1e-6 * period:
+        deviation = np.stack([np.interp(even, times, column) for column in deviation.T], axis=1)
+    lag = max(1, count // 40)
+    before, after = deviation[:-lag], deviation[lag:]
     scale = 1.0 / np.linalg.norm(before, axis=1, keepdims=True)
     u, s, vt = np.linalg.svd(scale * before, full_matrices=False)
     kept = min(modes, int(np.sum(s > 1e-4 * s[0])))
     u, s, vt = u[:, :kept], s[:kept], vt[:kept]
     # Rows are samples: after = before M, seen within the directions that the samples explore.
-    to_next = (u.T @ (scale * after) @ vt.T) / s[:, None]
-    slowest = np.max(np.abs(np.linalg.eigvals(to_next)))
-    return float(-np.log(slowest) / (lag * step))
+    seen = (scale * after) @ vt.T
+    to_next = (u.T @ seen) / s[:, None]
+    unexplained = np.linalg.norm(seen - (u * s) @ to_next, axis=1)
+    slowest = float(np.max(np.abs(np.linalg.eigvals(to_next))))
+    if slowest >= 1.0 or np.mean(unexplained) > WORST_FIT * np.mean(np.linalg.norm(seen, axis=1)):
+        return float('nan')
+    return float(-np.log(slowest) / (lag * period))

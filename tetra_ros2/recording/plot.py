@@ -39,7 +39,8 @@ class Run:
         self.times, self.gamma, self.n = recording.times, recording.gamma, recording.n
 
         law = recording.law
-        self.theory = Theory(self.n) if law is None else Theory(self.n, law.rounded, law.gain)
+        self.theory = Theory(self.n) if law is None else Theory(
+            self.n, law.rounded, law.gain, recording.period)
         self.shape = self.theory.shape
         self.edges = tuple((i, j, 1.0) for i, j in recording.edges) if law is None \
             else law.rounded.edges
@@ -57,7 +58,7 @@ class Run:
     @cached_property
     def predicted_rate(self):
         """Return the rate [1/s] at which theory lets the error decay in the end, or None."""
-        return self.theory.rates(self.gamma[-1])[1]
+        return self.theory.rates[1]
 
 
 def write(run, name, directory, formats):

@@ -83,6 +83,11 @@ class Recording:
         return (self.stamps - self.stamps[0]) / 1e9
 
     @property
+    def period(self):
+        """Return the time from one state to the next [s], the median; None for a single state."""
+        return float(np.median(np.diff(self.stamps))) / 1e9 if len(self.stamps) > 1 else None
+
+    @property
     def body_rates(self):
         """Return what each agent commanded in answer to each state [rad/s], ``(k, n, 3)``."""
         return np.stack([self.answers(i) for i in range(1, self.n + 1)], axis=1)

@@ -33,6 +33,7 @@ from tetra_ros2.formation.topology import Topology
 from tetra_ros2.ros import diagnostics, executor, qos
 from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.viewer.panel import Controls, FRAME_PERIOD, Page
+from tetra_ros2.viewer.scene import MOST_AGENTS
 from tetra_ros2.viewer.server import serve, stop
 from tetra_ros2.wire import cdr, names
 
@@ -49,6 +50,9 @@ How much of the time may go into pictures while the plant, in this same process,
 can; what the web server makes of them costs as much again.
 """
 
+LONGEST_PAUSE = 0.5
+"""But a page that stands still for longer than this [s] seems broken."""
+
 FAST = 1500.0
 """States per second from which on it does so: nobody asks for these to look at them."""
 
@@ -61,7 +65,8 @@ INQUIRY_PERIOD = 1.0
 PATIENCE = 2.0
 """After how long without a state [s] the plant is taken to have gone."""
 
-_PLANT_PARAMETERS = ('mode', 'real_time_factor', 'initial_attitudes')
+_PLANT_PARAMETERS = ('mode', 'rate', 'real_time_factor', 'measurement_delay',
+                     'initial_attitudes')
 _FORMATION_PARAMETERS = tuple(spec.name for spec in FORMATION)
 
 
@@ -92,6 +97,7 @@ class Viewer(FormationNode):
         self._shares = watch is not None
         self._drawn_at = self._next_picture = self._next_status = 0.0
         self._plant_paused = False
+        self.ended = False  # whether who runs the formation has said that this is all
         self._settings = {}  # parameters of each node that answered, by the node's name
         self._pending = {}
         self._named_clients = {}
@@ -133,7 +139,7 @@ class Viewer(FormationNode):
         if not self.page.watched:
             self._next_picture = begun + STATUS_PERIOD
         elif self._shares and rate > FAST:
-            self._next_picture = begun + (time.monotonic() - begun) / SHARE
+            self._next_picture = begun + min((time.monotonic() - begun) / SHARE, LONGEST_PAUSE)
 
     def _take_states(self):
         messages = [self._inbox.popleft() for _ in range(len(self._inbox))]
@@ -179,12 +185,14 @@ class Viewer(FormationNode):
         if self._heard_at is None:
             self.page.say(f'**waiting** for `{self.resolve_topic_name(names.ATTITUDES)}`')
             return
-        elapsed = (history.stamp - history.started_at) / 1e9
         state = '**paused**' if self._plant_paused else '**running**'
         silent = time.monotonic() - self._heard_at
-        if silent > PATIENCE:
+        if self.ended and (self._plant_paused or silent > PATIENCE):
+            state = '**the run has ended**'
+        elif silent > PATIENCE:
             state = '**no states** for some time: is the plant gone?'
-        self.page.say(f'{len(history.gamma)} agents, {state}, t = {elapsed:.1f} s')
+        if history.gamma is not None:
+            self.page.say(f'{len(history.gamma)} agents, {state}, t = {self.page.elapsed:.1f} s')
 
     # Parameters of the others
 
@@ -202,7 +210,7 @@ class Viewer(FormationNode):
             return
         n = 0 if self.page.history.gamma is None else len(self.page.history.gamma)
         self._ask(names.PLANT, _PLANT_PARAMETERS)
-        for i in range(1, n + 1):
+        for i in range(1, n + 1) if n <= MOST_AGENTS else ():
             self._ask(names.agent(i), _FORMATION_PARAMETERS)
         plant = self._settings.get(names.PLANT, {})
         self._controls.show_plant(
@@ -215,18 +223,26 @@ class Viewer(FormationNode):
         if history.gamma is None:
             return None
         n = len(history.gamma)
+        if n > MOST_AGENTS:
+            return None
         formations = [self._formation(names.agent(i)) for i in range(1, n + 1)]
         if None in formations or any(f.topology.n != n for f in formations):
-            self.page.theory = Theory(n)
+            self.page.know(Theory(n))
             self._controls.show_gain(None)
             return None
         weights = np.stack([f.topology.weights[k] for k, f in enumerate(formations)])
         gain = formations[0].gain
         if any(f.gain != gain or type(f.gain) is not type(gain) for f in formations):
             gain = None
-        self.page.theory = Theory(n, Topology('custom', weights), gain)
+        self.page.know(Theory(n, Topology('custom', weights), gain, self._sample_time()))
         self._controls.show_gain(gain)
         return weights
+
+    def _sample_time(self):
+        """Return how long a command is held [s], or None where delay makes it more than that."""
+        plant = self._settings.get(names.PLANT, {})
+        rate, delay = plant.get('rate'), plant.get('measurement_delay', 0.0)
+        return 1.0 / rate if isinstance(rate, float) and rate > 0.0 and not delay else None
 
     def _formation(self, node):
         """Return the formation as a node is told of it, or None if it did not say."""
@@ -276,7 +292,11 @@ class Viewer(FormationNode):
     def reset(self):
         """Let the plant go back to its initial condition, as it understands that."""
         self._call(Trigger, names.RESET, Trigger.Request(),
-                   lambda response: self.page.notify('reset', response.message, 'green'))
+                   self._on_reset)
+
+    def _on_reset(self, response):
+        self.page.restart()
+        self.page.notify('reset', response.message, 'green')
 
     def start_at_random(self):
         """Let the plant start anew at random; it does so by itself unless it was told where."""

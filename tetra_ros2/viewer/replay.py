@@ -3,6 +3,7 @@
 
 """``tetra viewer --bag``: a recording in a browser, with a time slider; no ROS in here."""
 
+from pathlib import Path
 import signal
 import threading
 import time
@@ -11,6 +12,7 @@ import numpy as np
 
 from tetra_ros2.drawing.theory import Theory
 from tetra_ros2.recording import reader as recording
+from tetra_ros2.viewer import export
 from tetra_ros2.viewer.history import History, WINDOW
 from tetra_ros2.viewer.panel import FRAME_PERIOD, Page
 from tetra_ros2.viewer.server import serve, stop
@@ -35,18 +37,15 @@ class Replay:
         self._index = None  # of the state that is shown
         self._playing = True
         self._speed = 1.0
-        law = loaded.law
-        if law is not None:
-            page.theory = Theory(loaded.n, law.rounded, law.gain)
-            page.edges = law.rounded.edges
-        else:
-            page.theory = Theory(loaded.n)
-            page.edges = tuple((i, j, None) for i, j in loaded.edges)
+        # Nobody can press a button where all are locked: then it plays on and on.
+        self._repeats = page.server.door.read_only
+        page.know(_theory(loaded))
+        page.edges = _edges(loaded)
         self._make_controls(page.server.gui)
         page.finish()
 
     def _make_controls(self, gui):
-        with gui.add_folder('recording'):
+        with gui.add_folder('recording', visible=not self._repeats):
             self._play = gui.add_button('Pause')
             # Fine enough for every pixel, and a number of steps that the slider can do.
             step = max(self._end / 2000.0, 1e-3)
@@ -55,7 +54,8 @@ class Replay:
         self._play.on_click(lambda _: self._toggle())
         self._slider.on_update(
             lambda event: event.client is not None and self.seek(float(self._slider.value)))
-        speed.on_click(lambda _: setattr(self, '_speed', SPEEDS[speed.value]))
+        speed.on_click(
+            lambda _: setattr(self, '_speed', SPEEDS.get(speed.value, self._speed)))
 
     def _toggle(self):
         with self._lock:
@@ -73,7 +73,9 @@ class Replay:
         with self._lock:
             if self._playing:
                 self._time = min(self._time + elapsed * self._speed, self._end)
-                self._playing = self._time < self._end
+                self._playing = self._time < self._end or self._repeats
+                if self._repeats and self._time >= self._end:
+                    self._time = 0.0
             moment, playing = self._time, self._playing
         self._show(int(np.searchsorted(self._times, moment, side='right')) - 1)
         self._page.show(self._play, 'label', 'Pause' if playing else 'Play')
@@ -89,12 +91,42 @@ class Replay:
         stamps, gamma = self._recording.stamps, self._recording.gamma
         if before is None or not before <= index:
             self._page.history = History()
-            self._page.history.started_at = stamps[0]
+            self._page.history.fastest = self._page.theory.fastest
             before = int(np.searchsorted(self._times, self._times[index] - WINDOW)) - 1
         for k in range(before + 1, index + 1):
             if k == index or self._page.history.wants(stamps[k]):
                 self._page.history.add(int(stamps[k]), gamma[k])
         self._page.history.started_at = int(stamps[0])
+
+
+def _theory(loaded):
+    """Return what a recording tells of the law."""
+    law = loaded.law
+    if law is None:
+        return Theory(loaded.n)
+    return Theory(loaded.n, law.rounded, law.gain, loaded.period)
+
+
+def _edges(loaded):
+    """Return who sees whom, with weights where the commands tell them."""
+    if loaded.law is not None:
+        return loaded.law.rounded.edges
+    return tuple((i, j, None) for i, j in loaded.edges)
+
+
+def write_page(arguments):
+    """
+    Write a recording as a page that plays by itself.
+
+    :param arguments: parsed arguments of ``tetra viewer``
+    :returns: 0
+    :raises ConfigurationError: if the recording cannot be read or the page not be written
+    """
+    path = Path(arguments.html)
+    loaded = recording.load(arguments.bag, arguments.namespace or None)
+    size = export.write(loaded, _edges(loaded), path)
+    print(f'{path}: {size / 1e6:.2f} MB; open it in a browser')
+    return 0
 
 
 def run(arguments):

@@ -25,6 +25,8 @@ WEIGHT_PLACE = 0.72
 """Where along an edge its weight is written."""
 
 CAMERA = (3.0, 1.6, 1.5)
+FIELD_OF_VIEW = float(np.radians(42.0))
+"""Of the camera, upwards [rad]."""
 
 FEW_AGENTS = 6
 """So many have room for their whole names, and for the weights of the edges."""
@@ -70,7 +72,7 @@ class Scene:
         self._scene.set_up_direction('+z')
         self._server.initial_camera.position = CAMERA
         self._server.initial_camera.look_at = (0.0, 0.0, 0.0)
-        self._server.initial_camera.fov = np.radians(42.0)
+        self._server.initial_camera.fov = FIELD_OF_VIEW
         # Mostly ambient: a strong light from one side would bleach the agents' colours.
         self._scene.configure_environment_map(None)
         self._scene.configure_default_lights(enabled=False)
