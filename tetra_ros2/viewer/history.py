@@ -88,9 +88,10 @@ class History:
         assert self.stamp is not None
         assert self.gamma is not None
         since = self.stamp - seconds * 1e9
-        kept = []
+        kept = [self.gamma]
         for stamp, gamma in reversed(self._samples):
             if stamp < since:
                 break
-            kept.append(gamma)
-        return np.stack([*kept[::-1], self.gamma])
+            if stamp < self.stamp:
+                kept.append(gamma)
+        return np.stack(kept[::-1])
