@@ -3,63 +3,55 @@
 
 """The viewer in a real browser: what it shows, what its buttons do, what it survives."""
 
-from contextlib import closing
-import os
 from pathlib import Path
-import re
-import shutil
 import signal
 import socket
 import time
 
 import bags
-from harness import DEADLINE, interrupt, run
+from browser import (
+    charts,
+    dismiss,
+    free_port,
+    has_hue,
+    launch,
+    open_page,
+    pixels,
+    shown_time,
+    status,
+    until,
+    wait_for_server,
+)
+from diagnostic_msgs.msg import DiagnosticArray
+from harness import DEADLINE, interrupt, Probe, Processes, run, values
 import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters
 
 from tetra_ros2.drawing import colors
 from tetra_ros2.formation import topology
-from tetra_ros2.viewer import history
 
-ARTEFACTS = Path(os.environ.get(
-    'TETRA_ARTEFACTS', Path(__file__).parents[2] / 'build' / 'screenshots'))
-"""Where screenshots are kept."""
-
-FLAGS = ['--no-sandbox', '--disable-quic', '--no-first-run', '--disable-background-networking',
-         '--disable-component-update', '--disable-sync', '--use-gl=angle',
-         '--use-angle=swiftshader', '--enable-unsafe-swiftshader']
 SLOWLY = ('--ros-args', '-p', 'real_time_factor:=1.0')
+SIZES = {'usual': (1200, 800), 'small': (800, 600), 'phone': (390, 844)}
 
 pytestmark = pytest.mark.timeout(300)
 
 
 @pytest.fixture(scope='module')
 def chromium():
-    program = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser',
-                                                   'google-chrome'))), None)
-    if program is None:
-        pytest.fail('the viewer is tested in a real browser: apt install chromium', pytrace=False)
-    from playwright.sync_api import sync_playwright
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, headless=True, args=FLAGS)
-        with closing(browser):
-            yield browser
+    with launch() as browser:
+        yield browser
 
 
 @pytest.fixture
-def open_page(chromium):
+def visit(chromium):
     """Return a function that opens an address in a browser of its own, and waits for the page."""
     contexts = []
 
-    def open_(port):
-        contexts.append(context := chromium.new_context(viewport={'width': 1200, 'height': 800}))
-        page = context.new_page()
-        page.set_default_timeout(1000.0 * DEADLINE)
-        page.elsewhere = []
-        page.on('request', lambda request: page.elsewhere.append(request.url)
-                if not re.match(rf'(blob:)?https?://127\.0\.0\.1:{port}/', request.url) else None)
-        page.goto(f'http://127.0.0.1:{port}/')
+    def open_(port, size=(1200, 800), query=''):
+        contexts.append(context := chromium.new_context(
+            viewport={'width': size[0], 'height': size[1]}))
+        page = open_page(context, f'http://127.0.0.1:{port}/{query}')
         page.get_by_text('charts', exact=True).wait_for()
         return page
 
@@ -70,105 +62,32 @@ def open_page(chromium):
 
 @pytest.fixture
 def port():
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        return probe.getsockname()[1]
+    return free_port()
 
 
-def wait_for_server(port):
-    deadline = time.monotonic() + DEADLINE
-    while True:
-        try:
-            socket.create_connection(('127.0.0.1', port), timeout=1.0).close()
-            return
-        except OSError:
-            assert time.monotonic() < deadline, f'nobody listens on port {port}'
-            time.sleep(0.05)
+@pytest.fixture(scope='module')
+def probe():
+    """Return a node of its own, the same for all tests in here."""
+    with Probe('shared') as node:
+        node.listen_to_attitudes()
+        node.listen(DiagnosticArray, 'diagnostics')
+        yield node
 
 
-def until(page, condition, what):
-    """Let a page live until a condition holds, and return what it returned."""
-    deadline = time.monotonic() + DEADLINE
-    while not (result := condition()):
-        assert time.monotonic() < deadline, f'{what}: not within {DEADLINE} s; {status(page)}'
-        page.wait_for_timeout(50)
-    return result
-
-
-def status(page):
-    return re.search(r'.*(waiting|agents|states).*', page.inner_text('body'))[0]
-
-
-def shown_time(page):
-    """Return the formation time that a page shows [s], or None."""
-    found = re.search(r't = ([\d.]+) s', page.inner_text('body'))
-    return found and float(found[1])
-
-
-def charts(page):
-    """Return the charts of a page: their data, and how often each was built."""
-    return page.evaluate(
-        'Object.values(window.__viserTestpoints?.uplots ?? {}).map('
-        'u => [u.chart.data.map(d => Array.from(d)), u.createCount])')
-
-
-def picture(page, name):
-    """Keep a screenshot, and return its pixels."""
-    from PIL import Image
-    for button in page.locator('.mantine-Notification-closeButton').all():
-        button.click()  # no GPU in here, it says
-    page.mouse.move(400, 780)
-    page.wait_for_timeout(1500)  # and what was paused comes to rest in the picture too
-    ARTEFACTS.mkdir(parents=True, exist_ok=True)
-    path = ARTEFACTS / f'{name}.png'
-    page.screenshot(path=path)
-    with Image.open(path) as image:
-        return np.asarray(image.convert('RGB')).astype(int)
-
-
-def hue(rgb):
-    """Return hue [deg] and saturation, ``(...)``: what light and haze leave of a colour."""
-    r, g, b = np.moveaxis(np.asarray(rgb, dtype=float), -1, 0)
-    most, least = np.max(rgb, axis=-1), np.min(rgb, axis=-1)
-    angle = np.degrees(np.arctan2(np.sqrt(3.0) * (g - b), 2.0 * r - g - b)) % 360.0
-    return angle, (most - least) / np.maximum(most, 1)
-
-
-def pixels_like(pixels, color):
-    """Return how many pixels of the scene have the hue of a colour."""
-    angle, saturation = hue(pixels[250:, :800])
-    off = np.abs((angle - hue(colors.rgb(color))[0] + 180.0) % 360.0 - 180.0)
-    return int(np.sum((off < 12.0) & (saturation > 0.25)))
-
-
-def test_the_page_shows_labelled_axes_and_moving_charts(open_page, processes, probe, port):
-    processes.tetra('launcher', '--config', 'rotating', '--view', '--port', port, '--duration',
-                    '1000')
-    probe.listen_to_attitudes()
-    wait_for_server(port)
-    page = open_page(port)
-    for i in range(1, 5):
-        page.get_by_text(f'agent {i}', exact=True).wait_for()
-    page.get_by_text('-0.3333', exact=True).wait_for()
-    page.get_by_text('0.5774').wait_for()  # the predicted spin, once the agents have told
-    page.get_by_text('1.5220').wait_for()  # and the rate of decay
-    first = until(page, lambda: len(data := charts(page)) == 2 and data, 'both charts')
-    later = until(page, lambda: (data := charts(page))[0][0][0][-1] > first[0][0][0][-1] + 2.0
-                  and data, 'time in the charts')
-    (cosines, built), (error, built_too) = later
-    assert len(cosines) == 1 + 6 + 1, 'time, six cosines, one target'
-    assert (built, built_too) == (1, 1), 'new data never means a new chart'
-    np.testing.assert_allclose(cosines[-1], -1.0 / 3.0, atol=1e-6)
-    assert np.max(np.abs(cosines[1:-1])) <= 1.0
-    assert np.all(np.isfinite(error))
-    page.get_by_text('Pause', exact=True).click()
-    page.get_by_text('Go on', exact=True).wait_for()
-    page.wait_for_timeout(2500)  # longer than a plant may be silent
-    assert 'paused' in status(page)
-    pixels = picture(page, 'viewer')
-    for i in range(1, 5):
-        assert pixels_like(pixels, colors.agent(i)) > 100, f'agent {i}'
-    assert not page.elsewhere, 'it needs no network'
+@pytest.fixture(scope='module')
+def formation():
+    """Start the rotating formation in one process and a viewer in another; return its port."""
+    port = free_port()
+    with Processes() as processes:
+        processes.tetra('launcher', '--config', 'rotating', '--duration', '1e6', '--namespace',
+                        'shared', *SLOWLY)
+        viewer = processes.tetra('viewer', '--port', port, '--namespace', 'shared')
+        wait_for_server(port)
+        yield port
+        code, output = interrupt(viewer)
+        assert code == 0
+        assert f'open http://127.0.0.1:{port}/ in a browser' in output
+        assert 'Traceback' not in output
 
 
 def moving(probe):
@@ -179,13 +98,93 @@ def moving(probe):
     return len(points) == 5 and float(np.max(np.ptp(points, axis=0))) > 0.0
 
 
-def test_buttons_act_on_the_topics_and_a_second_browser_sees_the_same(
-        open_page, processes, probe, port):
-    processes.tetra('launcher', '--config', 'rotating', '--duration', '1e6', *SLOWLY)
-    processes.tetra('viewer', '--port', port)
-    probe.listen_to_attitudes()
-    wait_for_server(port)
-    page, second = open_page(port), open_page(port)
+def rows(page):
+    """Return the numbers of the table by name: theory, with sampling, and measured."""
+    return {row[0]: row[1:] for row in page.evaluate(
+        "Array.from(document.querySelectorAll('table tr')).map("
+        'r => Array.from(r.children).map(c => c.innerText.trim()))')}
+
+
+def test_the_page_shows_labelled_axes_moving_charts_and_what_theory_says(formation, visit):
+    page = visit(formation)
+    for i in range(1, 5):
+        page.get_by_text(f'agent {i}', exact=True).wait_for()
+    page.get_by_text('-0.3333', exact=True).wait_for()
+    page.get_by_text('0.5774').wait_for()  # the predicted spin, once the agents have told
+    page.get_by_text('1.5220').wait_for()  # and the rate of decay
+    assert page.title() == 'tetra_ros2'
+    first = until(page, lambda: len(data := charts(page)) == 2 and data, 'both charts')
+    later = until(page, lambda: (data := charts(page))[0][0][0][-1] > first[0][0][0][-1] + 2.0
+                  and data, 'time in the charts')
+    (cosines, built), (error, _) = later
+    assert len(cosines) == 1 + 6 + 1, 'time, six cosines, one target'
+    assert built == 1, 'new data never means a new chart'
+    np.testing.assert_allclose(cosines[-1], -1.0 / 3.0, atol=1e-6)
+    assert np.max(np.abs(cosines[1:-1])) <= 1.0
+    assert np.all(np.isfinite(error))
+    text = page.inner_text('body')
+    assert 'cos θ₁₂' in text
+    assert not page.elsewhere, 'it needs no network'
+
+
+@pytest.mark.parametrize('size', SIZES)
+def test_all_of_the_sphere_is_on_the_page(formation, visit, size):
+    page = visit(formation, SIZES[size], '?darkMode' if size == 'small' else '')
+    until(page, lambda: shown_time(page), 'a time')
+    page.wait_for_timeout(1500)
+    dismiss(page)
+    if size == 'phone':  # the panel lies over the lower half, until it is put away
+        page.get_by_text('tetra_ros2', exact=True).click()
+        page.wait_for_timeout(600)
+    image = pixels(page, f'viewer_{size}')
+    width = SIZES[size][0] - (420 if size != 'phone' else 0)  # the panel and its shadow
+    scene = image[:, :width]
+    seen = sum(np.any(has_hue(scene, colors.rgb(colors.agent(i))), axis=None) for i in range(1, 5))
+    assert seen == 4, 'each agent'
+    ink = np.max(np.abs(scene - scene[2, 2]), axis=-1) > 6
+    if size == 'phone':
+        ink[-70:] = False  # what is left of the panel
+    rows_, columns = np.flatnonzero(ink.any(axis=1)), np.flatnonzero(ink.any(axis=0))
+    assert columns[0] > 0
+    assert columns[-1] < width - 1
+    assert rows_[0] > 0
+    assert rows_[-1] < len(scene) - 1
+    assert np.ptp(columns) > 0.5 * min(width, len(scene)), 'and not much smaller than it could be'
+
+
+def test_a_measured_decay_is_that_of_the_sampled_loop_and_not_of_an_old_gain(
+        formation, visit, probe):
+    page = visit(formation)
+    page.get_by_text('start anew').wait_for()
+    page.get_by_role('button', name='Reset').click()
+    decay = until(page, lambda: (now := rows(page).get('decay [1/s]')) and now[-1] not in ('—', '')
+                  and shown_time(page) > 9.0 and now, 'a decay')
+    theory, sampled, measured = map(float, decay)
+    assert theory == pytest.approx(1.522, abs=1e-3)
+    assert measured == pytest.approx(sampled, rel=0.02)
+    box = page.locator('input:visible').first
+    box.fill('2.5')
+    box.press('Enter')
+    page.get_by_text('1.4434').wait_for()  # theory follows: 2.5 times as fast
+    until(page, lambda: rows(page)['decay [1/s]'][-1] == '—' or float(
+        rows(page)['decay [1/s]'][-1]) > 3.0, 'the old decay is not told any more')
+
+    def gains():
+        return {probe.call(GetParameters, f'agent_{i}/get_parameters', GetParameters.Request(
+            names=['gain.a'])).values[0].double_value for i in range(1, 5)}
+
+    until(page, lambda: gains() == {2.5}, 'the gain of all agents')
+    box.fill('0')
+    box.press('Enter')
+    until(page, lambda: gains() == {2.5} and box.input_value() != '0', 'a gain of zero is refused')
+    assert 'rclpy' not in page.inner_text('body')
+    box.fill('1')
+    box.press('Enter')
+    until(page, lambda: gains() == {1.0}, 'the gain as it was')
+
+
+def test_buttons_act_on_the_topics_and_a_second_browser_sees_the_same(formation, visit, probe):
+    page, second = visit(formation), visit(formation)
     probe.wait_for(lambda: moving(probe), 'motion')
 
     page.get_by_role('button', name='Pause').click()
@@ -196,10 +195,13 @@ def test_buttons_act_on_the_topics_and_a_second_browser_sees_the_same(
     probe.wait_for(lambda: len(probe.received['formation/attitudes']) > received + 5, 'repeats')
     assert probe.stamp() == stamp
     until(page, lambda: shown_time(page) == shown_time(second), 'the same time in both')
+    page.wait_for_timeout(2500)  # longer than a plant may be silent
+    assert 'paused' in status(page)
 
     second.get_by_role('button', name='Go on').click()
     page.get_by_role('button', name='Pause').wait_for()
     probe.wait_for(lambda: moving(probe), 'motion')
+    second.close()
 
     def jumps():
         points = probe.received['formation/attitudes'][-400:]
@@ -208,36 +210,39 @@ def test_buttons_act_on_the_topics_and_a_second_browser_sees_the_same(
         return np.max(np.linalg.norm(np.diff(states, axis=0), axis=-1)) > 0.3
 
     for name in ('Reset', 'New random start'):
+        until(page, lambda: shown_time(page) > 1.0, 'time')
         probe.received['formation/attitudes'].clear()
         probe.wait_for(lambda: len(probe.received['formation/attitudes']) > 5, 'states')
         page.get_by_text(name, exact=True).click()
         probe.wait_for(jumps, f'{name} starts it anew')
-        page.get_by_text('at new random attitudes').first.wait_for()
-        page.get_by_text('at new random attitudes').first.wait_for(state='hidden')
-
-    box = page.locator('input:visible').first
-    until(page, lambda: box.is_enabled() and box.input_value() == '1', 'the gain')
-    box.fill('2.5')
-    box.press('Enter')
-
-    def gains():
-        return {probe.call(GetParameters, f'agent_{i}/get_parameters', GetParameters.Request(
-            names=['gain.a'])).values[0].double_value for i in range(1, 5)}
-
-    until(page, lambda: gains() == {2.5}, 'the gain of all agents')
-    page.get_by_text('1.4434').wait_for()  # theory follows: 2.5 times as fast
-    second.get_by_text('1.4434').wait_for()
+        until(page, lambda: shown_time(page) < 1.0, 'the history begins anew')
+        until(page, lambda: charts(page)[0][0][0][0] == 0.0, 'and so does the chart')
 
     page.get_by_text('max', exact=True).click()
     stamp, begun = probe.stamp(), time.monotonic()
     probe.wait_for(lambda: probe.stamp() > stamp + 20e9, 'twenty seconds of formation time')
     assert time.monotonic() - begun < 15.0, 'it runs as fast as it goes'
+    until(page, lambda: (data := charts(page)) and np.ptp(data[0][0][0]) > 5.0, 'charts')
+    assert np.ptp(charts(page)[0][0][0]) < 31.0, 'half a minute, however fast it goes'
+    page.get_by_role('button', name='1', exact=True).click()
 
 
-def test_it_copes_with_a_plant_that_goes_and_another_that_comes(open_page, processes, port):
+def test_nothing_on_diagnostics_disturbs_the_viewer(formation, visit, probe):
+    publisher = probe.node.create_publisher(DiagnosticArray, 'diagnostics', 10)
+    probe.wait_for(lambda: publisher.get_subscription_count() > 1, 'the viewer')
+    for message in (b'\0\1\0\0', b'', b'\0\1\0\0' + b'\xff' * 40, b'\1', b'x' * 5000):
+        publisher.publish(message)
+    probe.wait_for_health('/shared/viewer', lambda h: any(
+        'malformed (diagnostics)' in key for key in values(h)), 'a count')
+    page = visit(formation)
+    first = until(page, lambda: shown_time(page), 'a time')
+    until(page, lambda: shown_time(page) > first + 0.5, 'time that passes')
+
+
+def test_it_copes_with_a_plant_that_goes_and_another_that_comes(visit, processes, port):
     viewer = processes.tetra('viewer', '--port', port)
     wait_for_server(port)
-    page = open_page(port)
+    page = visit(port)
     page.get_by_text('waiting').wait_for()
     first = processes.tetra('launcher', '--duration', '1e6', *SLOWLY)
     until(page, lambda: '4 agents, running' in page.inner_text('body'), 'a formation')
@@ -254,11 +259,11 @@ def test_it_copes_with_a_plant_that_goes_and_another_that_comes(open_page, proce
     assert 'Traceback' not in output
 
 
-def test_somebody_elses_plant_without_agents_parameters_is_shown(open_page, processes, port):
+def test_somebody_elses_plant_without_agents_parameters_is_shown(visit, processes, port):
     processes.python(Path(__file__).parents[1] / 'foreign_plant.py')
     processes.tetra('viewer', '--port', port)
     wait_for_server(port)
-    page = open_page(port)
+    page = visit(port)
     page.get_by_text('4 agents').wait_for()
     first = until(page, lambda: shown_time(page), 'a time')
     until(page, lambda: shown_time(page) > first + 1.0, 'time that passes')
@@ -267,31 +272,32 @@ def test_somebody_elses_plant_without_agents_parameters_is_shown(open_page, proc
     until(page, pause.is_disabled, 'no service, no button')
 
 
-def test_a_thousand_states_a_second_make_thirty_pictures(open_page, processes, probe, port):
-    from harness import values
+def test_a_thousand_states_a_second_make_thirty_pictures(visit, processes, port):
     processes.tetra('launcher', '--mode', 'realtime', '--duration', '1e6', '--ros-args', '-p',
                     'rate:=1000.0')
     processes.tetra('viewer', '--port', port)
     wait_for_server(port)
-    page = open_page(port)
+    page = visit(port)
     until(page, lambda: charts(page), 'charts')
 
     def busy(health):
         return 'picture rate [Hz]' in (v := values(health)) \
             and float(v['state rate [Hz]']) > 300.0 and float(v['picture rate [Hz]']) > 10.0
 
-    health = probe.wait_for_health('/viewer', busy, 'pictures')
+    with Probe() as plain:
+        health = plain.wait_for_health('/viewer', busy, 'pictures')
     assert float(values(health)['picture rate [Hz]']) < 33.0
     before = charts(page)
     until(page, lambda: charts(page)[0][0][0][-1] > before[0][0][0][-1] + 3.0, 'three seconds')
-    assert [built for _, built in charts(page)] == [1, 1], 'nothing was taken away and put back'
+    assert charts(page)[0][1] == 1, 'nothing was taken away and put back'
+    assert charts(page)[1][1] <= 4, 'but for the axis of the error, when it has to go deeper'
 
 
-def test_a_recording_plays_and_its_slider_goes_anywhere(open_page, processes, port, tmp_path):
+def test_a_recording_plays_and_its_slider_goes_anywhere(visit, processes, port, tmp_path):
     bags.write(tmp_path / 'bag', 2000, topology.rotating())
     viewer = processes.tetra('viewer', '--bag', tmp_path / 'bag', '--port', port)
     wait_for_server(port)
-    page = open_page(port)
+    page = visit(port)
     first = until(page, lambda: shown_time(page), 'a time')
     until(page, lambda: shown_time(page) > first + 0.5, 'playing')
     page.get_by_role('button', name='Pause').click()
@@ -307,7 +313,6 @@ def test_a_recording_plays_and_its_slider_goes_anywhere(open_page, processes, po
             float(m), abs=0.02), 'charts to that moment')
     assert shown_time(page) != paused
     page.get_by_text('0.5774').wait_for()
-    picture(page, 'viewer_bag')
     page.get_by_text('16', exact=True).click()
     page.get_by_role('button', name='Play').click()
     until(page, lambda: shown_time(page) == pytest.approx(19.99, abs=0.01), 'the end')
@@ -377,23 +382,6 @@ def test_lockstep_with_a_view_is_nearly_as_fast(monkeypatch):
             ratios.append(seconds[1] / seconds[0])
     print(f'with a viewer that draws: {np.median(ratios):.3f} of the processor time without')
     assert np.median(ratios) < 1.1
-
-
-def test_a_history_keeps_half_a_minute_and_begins_anew_with_the_plant():
-    past = history.History()
-    for k in range(100_000):
-        past.add(10**9 + k * 10**6, np.full((2, 3), float(k)))
-    times, gamma = past.samples()
-    assert times[-1] == pytest.approx(99.999)
-    assert times[0] >= 99.999 - history.WINDOW - 0.1
-    assert len(times) <= history.SAMPLES + 1
-    assert gamma[-1, 0, 0] == 99_999
-    trail = past.trail(3.0)
-    assert len(trail) == pytest.approx(61, abs=2)
-    past.add(10**9, np.zeros((2, 3)))
-    assert len(past.samples()[0]) == 1
-    past.add(2 * 10**9, np.zeros((3, 3)))
-    assert past.samples()[1].shape == (1, 3, 3)
 
 
 def test_signals_end_the_viewer_of_a_recording(processes, port, tmp_path):
