@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tetra_ros2.drawing.theory import spin_rate, table, Theory
-from tetra_ros2.formation import decay, measures, rotation, sampling, shapes, topology
+from tetra_ros2.formation import decay, measures, rotation, sampling, shapes, sphere, topology
 from tetra_ros2.formation import gain as gains
 
 GRAPHS = {'complete': topology.complete(4), 'rotating': topology.rotating()}
@@ -54,9 +54,10 @@ def test_the_sampled_prediction_is_that_of_the_mathematics_in_either_chirality()
             sign * shapes.TETRAHEDRON.points, GRAPHS['rotating'].weights, gains.Cosine(), 0.01)
         spin, slowest = theory.sampled_rates
         assert spin == pytest.approx(np.linalg.norm(there.spin), rel=1e-9)
-        assert slowest == pytest.approx(-np.log(np.abs(there.multipliers()[0])) / 0.01, rel=1e-6)
+        assert slowest == pytest.approx(-np.log(np.abs(there.floquet_multipliers()[0])) / 0.01, rel=1e-6)
         np.testing.assert_allclose(
-            theory.limit, measures.pairwise_cosines(there.gamma), atol=1e-9)
+            measures.pairwise_cosines(theory.limit),
+            measures.pairwise_cosines(there.gamma), atol=1e-9)
     assert theory.rates == pytest.approx((3**0.5 / 2.0 * 2.0 / 3.0, 1.522), abs=1e-3)
 
 
@@ -67,24 +68,30 @@ def test_where_no_decay_is_seen_none_is_told(part):
     assert theory.decay_rate(times[part], gamma[part]) is None
 
 
+def about(offsets):
+    """Return formations that are so far from the tetrahedron, ``(k, 4, 3)``."""
+    return sphere.normalize(shapes.TETRAHEDRON.points + offsets)
+
+
 def test_noise_is_no_decay():
-    rng = np.random.default_rng(4)
+    noise = 3e-4 * np.random.default_rng(4).standard_normal((400, 4, 3))
     times = 0.05 * np.arange(400)
-    limit = np.full(6, -1.0 / 3.0)
-    assert math.isnan(decay.decay_rate(
-        times, limit + 1e-5 * rng.standard_normal((400, 6)), limit, 5))
-    fading = np.exp(-times)[:, None] * rng.standard_normal((400, 6)) * 5e-4
-    assert math.isnan(decay.decay_rate(times, limit + fading, limit, 5))
-    grows = limit + 1e-6 * np.exp(0.2 * times)[:, None] * np.ones(6)
-    assert math.isnan(decay.decay_rate(times, grows, limit, 5))
+    fading = np.exp(-times)[:, None, None] * noise
+    growing = np.exp(0.2 * times)[:, None, None] * 1e-3 * noise[0]
+    for gamma in (about(0.1 * noise), about(fading), about(growing)):
+        assert math.isnan(decay.decay_rate(gamma, 0.05, shapes.TETRAHEDRON.points))
+        assert math.isnan(decay.decay_rate(gamma, times, shapes.TETRAHEDRON.points))
 
 
 def test_a_decay_is_found_among_faster_ones_that_turn():
     times = 0.05 * np.arange(500)
     modes = np.stack([np.exp(-0.7 * times) * np.cos(3.0 * times), np.exp(-0.7 * times)
                       * np.sin(3.0 * times), np.exp(-1.9 * times)], axis=1)
-    mixed = 5e-4 * modes @ np.random.default_rng(1).standard_normal((3, 6))
-    assert decay.decay_rate(times, mixed, np.zeros(6), 5) == pytest.approx(0.7, rel=1e-4)
+    gamma = about(2e-5 * np.tensordot(
+        modes, np.random.default_rng(1).standard_normal((3, 4, 3)), axes=1))
+    rate = decay.decay_rate(gamma, 0.05, shapes.TETRAHEDRON.points)
+    assert rate == pytest.approx(0.7, rel=1e-2)
+    assert decay.decay_rate(gamma, times, shapes.TETRAHEDRON.points) == rate
 
 
 def test_the_table_has_a_dash_where_there_is_nothing_to_tell():

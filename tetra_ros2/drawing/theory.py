@@ -105,7 +105,7 @@ class Theory:
         there = self._sampled
         if there is None or self.h is None:
             return None, None
-        slowest = float(-np.log(np.abs(there.multipliers()[0])) / self.h)
+        slowest = float(-np.log(np.abs(there.floquet_multipliers()[0])) / self.h)
         return float(np.linalg.norm(there.spin)), slowest if slowest > 1e-6 else None
 
     @cached_property
