@@ -86,18 +86,36 @@ class Theory:
         slowest = -float(there.eigenvalues[0].real)
         return float(np.linalg.norm(there.spin)), slowest if slowest > 1e-6 else None
 
-    @cached_property
-    def _sampled(self) -> sampling.SampledEquilibrium | None:
+    def _sampled_near(self, gamma: NDArray[np.float64]) -> sampling.SampledEquilibrium | None:
         """Return the equilibrium of the loop with its sampling, or None if that is not known."""
         if self.topology is None or not self.known or self.shape is None or self.h is None \
                 or not 2 < self.n <= MOST_SAMPLED or self.rates[1] is None:
             return None
         try:
-            found = sampling.sampled_equilibrium(
-                self.shape.points, self.topology.weights, self.gain, self.h)
+            found = sampling.sampled_equilibrium(gamma, self.topology.weights, self.gain, self.h)
         except np.linalg.LinAlgError:
             return None
         return found if found.residual < 1e-9 else None
+
+    @cached_property
+    def _sampled(self) -> sampling.SampledEquilibrium | None:
+        return None if self.shape is None else self._sampled_near(self.shape.points)
+
+    @cached_property
+    def _limits(self) -> dict[bytes, sampling.SampledEquilibrium | None]:
+        return {}
+
+    def limit(self, gamma: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """
+        Return what a formation near its shape approaches, ``(n, 3)``, or None if not known.
+
+        :param gamma: reduced attitudes, ``(n, 3)``; they tell which agent is where in the shape
+        """
+        key = np.round(4.0 * measures.pairwise_cosines(gamma)).astype(np.int8).tobytes()
+        if key not in self._limits:
+            self._limits[key] = self._sampled_near(gamma)
+        there = self._limits[key]
+        return None if there is None else there.gamma
 
     @cached_property
     def sampled_rates(self) -> Rates:
@@ -108,11 +126,6 @@ class Theory:
         slowest = float(-np.log(np.abs(there.floquet_multipliers()[0])) / self.h)
         return float(np.linalg.norm(there.spin)), slowest if slowest > 1e-6 else None
 
-    @cached_property
-    def limit(self) -> NDArray[np.float64] | None:
-        """Return a copy of what the formation approaches, ``(n, 3)``, or None if not known."""
-        return None if self._sampled is None else self._sampled.gamma
-
     def decay_rate(self, times: NDArray[np.float64], gamma: NDArray[np.float64]) -> float | None:
         """
         Return how fast the shape is seen to approach its limit [1/s], or None if it is not seen.
@@ -120,9 +133,12 @@ class Theory:
         :param times: [s], ``(k,)``
         :param gamma: reduced attitudes, ``(k, n, 3)``
         """
-        if self.shape is None or self.limit is None or self.error(gamma[-1:])[0] > NEAR:
+        if self.shape is None or self.error(gamma[-1:])[0] > NEAR:
             return None
-        rate = decay.decay_rate(gamma, times, self.limit)
+        limit = self.limit(gamma[-1])
+        if limit is None:
+            return None
+        rate = decay.decay_rate(gamma, times, limit)
         return None if math.isnan(rate) else rate
 
 
