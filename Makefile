@@ -41,8 +41,9 @@ browser:
 	  apt-get update -qq && apt-get install -y -qq chromium > /dev/null; \
 	else echo "The viewer is tested in a real browser: sudo apt install chromium" >&2; exit 2; fi
 
-lint: $(VENV)/.test  ## check the style
+lint: $(VENV)/.test  ## check style and types
 	$(CLEAN) $(VENV)/bin/ruff check .
+	$(CLEAN) $(VENV)/bin/mypy
 
 clean:  ## remove what was made here
 	rm -rf $(VENV) build install log .pytest_cache .ruff_cache .hypothesis *.egg-info

@@ -13,7 +13,10 @@ one executor spins them all::
 """
 
 from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 import time
+from typing import Any, TYPE_CHECKING, TypeVar
 
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException
@@ -22,7 +25,9 @@ from rclpy.task import Future
 
 from tetra_ros2.config import configuration
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, PARAMETERS
-from tetra_ros2.formation.summary import summarize
+from tetra_ros2.formation import Formation
+from tetra_ros2.formation._types import Array
+from tetra_ros2.formation.summary import summarize, Summary
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.nodes.plant import Plant
@@ -35,7 +40,14 @@ from tetra_ros2.ros.executor import (
     spin_some,
 )
 from tetra_ros2.ros.executor import ros_arguments as arguments_of
+from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.wire import names
+
+if TYPE_CHECKING:
+    from tetra_ros2.recording.recorder import Recorder
+    from tetra_ros2.viewer.node import Viewer
+
+N = TypeVar('N', bound=FormationNode)
 
 DISCOVERY_TIMEOUT = 20.0
 """How long the nodes may take to find each other [s]."""
@@ -66,8 +78,12 @@ class Launcher:
     :raises ConfigurationError: if anything of this is not valid; nothing was started then
     """
 
-    def __init__(self, config='complete', *, seed=None, mode=None, namespace='', record=None,
-                 storage='mcap', parameters=None, without=(), view=None, ros_arguments=()):
+    def __init__(self, config: str | Path = 'complete', *, seed: int | None = None,
+                 mode: str | None = None, namespace: str = '', record: str | Path | None = None,
+                 storage: str = 'mcap', parameters: Mapping[str, Any] | None = None,
+                 without: Iterable[str] = (),
+                 view: tuple[str, int] | tuple[str, int, bool] | None = None,
+                 ros_arguments: Sequence[str] = ()) -> None:
         self._file = configuration.load(config)
         self._given = dict(parameters or {})
         if seed is not None:
@@ -86,13 +102,18 @@ class Launcher:
         self._without = set(without)
         self._recording = record is not None
         self._view = view
-        self.plant = self.monitor = self.recorder = self.viewer = None
-        self.agents = {}
-        self.nodes = []
-        self._context = self.executor = None
+        # These are there while it is entered.
+        self.monitor: Monitor = None  # type: ignore[assignment]
+        self.plant: Plant | None = None
+        self.recorder: Recorder | None = None
+        self.viewer: Viewer | None = None
+        self.agents: dict[int, Agent] = {}
+        self.nodes: list[FormationNode] = []
+        self._context: Context | None = None
+        self.executor: Any = None
         self._target = 0
 
-    def _overrides(self, kind):
+    def _overrides(self, kind: str) -> dict[str, Any]:
         """Return the given parameters that are for a kind of node."""
         known = {spec.name for spec in PARAMETERS[kind]}
         overrides = {}
@@ -108,7 +129,7 @@ class Launcher:
                 raise ConfigurationError('there is no such parameter', key=key)
         return overrides
 
-    def __enter__(self):
+    def __enter__(self) -> 'Launcher':
         """Start all nodes, and begin when they have found each other."""
         try:
             self._start()
@@ -119,11 +140,11 @@ class Launcher:
             raise
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         """Stop all nodes, and end the recording."""
         self.close()
 
-    def _start(self):
+    def _start(self) -> None:
         local_by_default()
         self._context = Context()
         initialize(self._context, self._for_context)
@@ -156,7 +177,7 @@ class Launcher:
         if self.plant is not None:
             self.plant.stepper.start()
 
-    def _add(self, node_type, kind, *args, **kwargs):
+    def _add(self, node_type: Callable[..., N], kind: str | None, *args: Any, **kwargs: Any) -> N:
         overrides = self._overrides(kind) if kind is not None else {}
         node = node_type(
             *args, context=self._context, namespace=self._namespace, **self._for_nodes, **kwargs,
@@ -165,7 +186,7 @@ class Launcher:
         self.executor.add_node(node)
         return node
 
-    def _discover(self):
+    def _discover(self) -> None:
         """Spin until every topic between the nodes has its two ends, and the recorder too."""
         begun = time.monotonic()
         never = Future(executor=self.executor)
@@ -182,14 +203,15 @@ class Launcher:
             f'nobody found on {missing[0]} within {DISCOVERY_TIMEOUT:g} s; is there a network '
             'interface, if only loopback, and does ROS_AUTOMATIC_DISCOVERY_RANGE allow it?')
 
-    def _links(self):
+    def _links(self) -> tuple[list[str], list[str]]:
         """
         Look at both ends of every topic here, as each end learns of the other by itself.
 
         :returns: topics on which somebody is still missing, and those on which there is one
             publisher too many
         """
-        missing, crowded = [], []
+        missing: list[str] = []
+        crowded: list[str] = []
         watching = (self.recorder, self.viewer)  # many may publish what these listen to
         listeners = Counter(s.topic_name for node in self.nodes for s in node.inputs)
         speakers = Counter(p.topic_name for node in self.nodes for p in node.outputs)
@@ -208,31 +230,35 @@ class Launcher:
         return missing, crowded
 
     @property
-    def formation(self):
+    def formation(self) -> Formation:
         """Return topology, gain and axes, as the nodes got them."""
         return self.monitor.formation
 
     @property
-    def time(self):
+    def time(self) -> float:
         """Return the formation time since the start, as of the last sample [s]."""
         return self.monitor.observer.elapsed if self.monitor.observer.count else 0.0
 
     @property
-    def error(self):
+    def error(self) -> float:
         """Return the last formation error; see :class:`~tetra_ros2.formation.summary.Summary`."""
-        return self.monitor.observer.error
+        error: float = self.monitor.observer.error
+        return error
 
     @property
-    def reduced_attitudes(self):
+    def reduced_attitudes(self) -> Array:
         """Return the last Gamma, unit vectors in the world frame, ``(n, 3)``."""
-        return self.monitor.observer.reduced_attitudes
+        gamma: Array = self.monitor.observer.reduced_attitudes
+        return gamma
 
     @property
-    def attitudes(self):
+    def attitudes(self) -> Array:
         """Return the last attitudes, unit quaternions x y z w, body to world, ``(n, 4)``."""
-        return self.monitor.observer.attitudes
+        attitudes: Array = self.monitor.observer.attitudes
+        return attitudes
 
-    def run_for(self, seconds, interrupt=None, stall_timeout=STALL_TIMEOUT):
+    def run_for(self, seconds: float, interrupt: Future | None = None,
+                stall_timeout: float = STALL_TIMEOUT) -> bool:
         """
         Spin until so much more formation time has passed.
 
@@ -255,7 +281,7 @@ class Launcher:
         self._run_to(self._target, interrupt, stall_timeout)
         return interrupt is None or not interrupt.done()
 
-    def _run_to(self, stamp, interrupt, stall_timeout):
+    def _run_to(self, stamp: int, interrupt: Future | None, stall_timeout: float) -> None:
         """Spin until the first sample at or after a stamp [ns]."""
         reached = Future(executor=self.executor)
         self.monitor.notify(stamp, reached)
@@ -265,7 +291,7 @@ class Launcher:
             self.plant.stepper.run_until(stamp)
         self._spin(reached, stall_timeout)
 
-    def _spin(self, future, stall_timeout):
+    def _spin(self, future: Future, stall_timeout: float) -> None:
         seen, since = None, time.monotonic()
         while not future.done():
             spin_some(self.executor, future, min(stall_timeout, SPIN_PERIOD))
@@ -275,7 +301,7 @@ class Launcher:
             elif time.monotonic() - since > stall_timeout:
                 raise TimeoutError(f'formation time has stood still for {stall_timeout:g} s')
 
-    def run_until(self, condition, timeout, every=0.1):
+    def run_until(self, condition: Callable[[], bool], timeout: float, every: float = 0.1) -> bool:
         """
         Run until a condition holds.
 
@@ -291,12 +317,12 @@ class Launcher:
             self.run_for(min(every, end - self.time))
         return True
 
-    def summary(self):
+    def summary(self) -> Summary:
         """Return the :class:`~tetra_ros2.formation.summary.Summary` of the run so far."""
         return summarize(
             self.monitor.observer, self.formation.topology, self.formation.gain)
 
-    def close(self):
+    def close(self) -> None:
         """Stop all nodes; what can be told is told, what is recorded is kept."""
         if self.executor is None:
             return
@@ -319,7 +345,7 @@ class Launcher:
             self._context.try_shutdown()
             self._context = None
 
-    def _drain(self):
+    def _drain(self) -> None:
         """Let the recorder have what is still on its way."""
         try:
             for _ in range(3):

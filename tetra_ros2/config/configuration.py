@@ -7,10 +7,12 @@ From a YAML file, or from the values of ROS parameters, to checked objects.
 Nothing unchecked gets past this module.
 """
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 import itertools
 import os
 from pathlib import Path
 import re
+from typing import Any
 
 import numpy as np
 import yaml
@@ -25,9 +27,10 @@ from tetra_ros2.config.parameters import (
     shown,
 )
 from tetra_ros2.config.share import shipped
-from tetra_ros2.formation import Formation, sphere
+from tetra_ros2.formation import Formation, sphere, Topology
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import topology as topologies
+from tetra_ros2.formation._types import Array
 
 LONGEST_NAMESPACE = 150
 """How long a namespace may be; the names of topics must still fit behind it."""
@@ -36,7 +39,7 @@ UNIT_TOLERANCE = 1e-3
 """How far from 1 the length of a quaternion that a user wrote down may be."""
 
 
-def formation_from_parameters(values):
+def formation_from_parameters(values: Mapping[str, Any]) -> Formation:
     """
     Return the formation that checked parameter values describe: what all nodes agree on.
 
@@ -46,7 +49,7 @@ def formation_from_parameters(values):
     return Formation(topology, gain_from_parameters(values), _axes(values, topology.n))
 
 
-def gain_from_parameters(values):
+def gain_from_parameters(values: Mapping[str, Any]) -> gains.Gain:
     """
     Return the gain that ``gain.kind``, ``gain.a`` and ``gain.b`` describe.
 
@@ -68,7 +71,7 @@ def gain_from_parameters(values):
             key='gain.kind') from error
 
 
-def _topology(values):
+def _topology(values: Mapping[str, Any]) -> Topology:
     kind, edges = values['topology.kind'], values['topology.edges']
     _refuse_foreign(values)
     if kind == 'polyhedron':
@@ -88,13 +91,13 @@ def _topology(values):
         # Here and below: the agents of other graphs load no shape.
         from tetra_ros2.formation import targets
         return targets.ring(n, values['topology.spin'])
-    parsed = []
+    parsed: list[tuple[int, int] | tuple[int, int, float]] = []
     for index, text in enumerate(edges):
         try:
             i, j, *weight = text.split()
-            parsed.append((int(i), int(j), *map(float, weight)))
             if len(weight) > 1:
                 raise ValueError
+            parsed.append((int(i), int(j), float(weight[0])) if weight else (int(i), int(j)))
         except ValueError:
             raise ConfigurationError(
                 f'{text!r} is not valid, expected "i j" or "i j weight", such as "1 2 0.5"',
@@ -115,7 +118,7 @@ def _topology(values):
         raise ConfigurationError(str(error), key='topology.points') from None
 
 
-def _refuse_foreign(values):
+def _refuse_foreign(values: Mapping[str, Any]) -> None:
     """Refuse values that the kind of the topology has no use for."""
     kind = values['topology.kind']
     for key, kinds, why in (
@@ -131,7 +134,7 @@ def _refuse_foreign(values):
             raise ConfigurationError(why, key=key)
 
 
-def _polyhedron(values):
+def _polyhedron(values: Mapping[str, Any]) -> Topology:
     from tetra_ros2.formation import targets
     solid, n = values['topology.polyhedron'], values['topology.n']
     needed = targets.number_of_vertices(solid)
@@ -163,7 +166,7 @@ def _polyhedron(values):
         raise ConfigurationError(str(error), key='topology.class_weights') from None
 
 
-def _axes(values, n):
+def _axes(values: Mapping[str, Any], n: int) -> Array:
     axes = np.array(values['pointing_axis'], dtype=float)
     if len(axes) not in (3, 3 * n):
         raise ConfigurationError(
@@ -180,7 +183,7 @@ def _axes(values, n):
     return np.broadcast_to(sphere.normalize(axes), (n, 3))
 
 
-def initial_attitudes(values, n):
+def initial_attitudes(values: Mapping[str, Any], n: int) -> Array | None:
     """
     Return the initial attitudes that were given, unit quaternions ``(n, 4)``, or None.
 
@@ -199,7 +202,8 @@ def initial_attitudes(values, n):
         raise ConfigurationError(
             f'{quaternions[index].tolist()} of agent {index + 1} is not valid, expected a unit '
             'quaternion x, y, z, w', key='initial_attitudes')
-    return quaternions / lengths[:, None]
+    unit: Array = quaternions / lengths[:, None]
+    return unit
 
 
 class ParameterFile:
@@ -214,16 +218,16 @@ class ParameterFile:
         key, or has a value that is not valid for a node that it applies to
     """
 
-    def __init__(self, path):
+    def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._sections = []
+        self._sections: list[tuple[str, dict[str, Any]]] = []
         try:
             self._read(_compose(self.path), '')
             self._check()
         except ConfigurationError as error:
             raise error.at(self.path) from None
 
-    def _read(self, mapping, prefix):
+    def _read(self, mapping: yaml.MappingNode, prefix: str) -> None:
         """Collect the sections in the order of the file; namespaces may be nested levels."""
         complete = False
         for name, node in mapping.value:
@@ -238,7 +242,7 @@ class ParameterFile:
             else:
                 self._read(node, key)
 
-    def _check(self):
+    def _check(self) -> None:
         """Check every section, and then what comes together at every node."""
         for pattern, parameters in self._sections:
             kinds = _kinds(pattern)
@@ -256,7 +260,7 @@ class ParameterFile:
                     spec.check(value)
         self._check_nodes()
 
-    def _check_nodes(self):
+    def _check_nodes(self) -> None:
         n = self.formation().topology.n
         for pattern, _ in self._sections:
             match = re.fullmatch(r'agent_(\d+)', pattern.rsplit('/', 1)[-1])
@@ -275,7 +279,7 @@ class ParameterFile:
                         key='topology.n')
         initial_attitudes(self.values('plant'), n)
 
-    def given(self, full_name):
+    def given(self, full_name: str) -> dict[str, Any]:
         """Return the parameters, by name, that the file gives the node ``/namespace/name``."""
         merged = {}
         for pattern, parameters in self._sections:
@@ -283,7 +287,7 @@ class ParameterFile:
                 merged.update(parameters)
         return merged
 
-    def values(self, node, full_name=None):
+    def values(self, node: str, full_name: str | None = None) -> dict[str, Any]:
         """
         Return all parameters of a node, checked.
 
@@ -295,7 +299,7 @@ class ParameterFile:
         given = self.given(full_name or f'/{node}')
         return check_parameters(node, {k: v for k, v in given.items() if k in specs})
 
-    def formation(self):
+    def formation(self) -> Formation:
         """Return the formation, as the monitor is told of it."""
         return formation_from_parameters(self.values('monitor'))
 
@@ -303,14 +307,14 @@ class ParameterFile:
 class _Composer(yaml.SafeLoader):
     """YAML without aliases, as rcl has it."""
 
-    def compose_node(self, parent, index):
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
             raise yaml.composer.ComposerError(
-                None, None, 'ROS 2 takes no aliases', self.peek_event().start_mark)
+                None, None, 'ROS 2 takes no aliases', self.peek_event().start_mark)  # type: ignore[no-untyped-call]
         return super().compose_node(parent, index)
 
 
-def _compose(path):
+def _compose(path: Path) -> yaml.MappingNode:
     """Return the mapping at the top of a YAML file, as nodes."""
     try:
         node = yaml.compose(path.read_text(encoding='utf-8'), _Composer)
@@ -329,7 +333,7 @@ def _compose(path):
     return node
 
 
-def _flatten(mapping, prefix=''):
+def _flatten(mapping: yaml.MappingNode, prefix: str = '') -> Iterator[tuple[str, Any]]:
     """Yield (dotted name, value) for nested parameters."""
     for name, node in mapping.value:
         key = f'{prefix}{name.value}'
@@ -350,9 +354,9 @@ _FLOAT = re.compile(r'[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?')
 _SPECIAL = re.compile(r'[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)')
 
 
-def _scalar(node):
+def _scalar(node: yaml.ScalarNode) -> str | int | float | bool:
     """Return the value of a scalar as rcl takes it."""
-    text = node.value
+    text: str = node.value
     if node.style is not None:  # quoted, or a block of text
         return text
     if text in _TRUE or text in _FALSE:
@@ -366,7 +370,7 @@ def _scalar(node):
     return float(text) if _FLOAT.fullmatch(text) else text
 
 
-def _matches(pattern, full_name):
+def _matches(pattern: str, full_name: str) -> bool:
     """Return whether a section's name stands for a node: ``*`` is one token, ``**`` any."""
     regex = ''
     for token in pattern.strip('/').split('/'):
@@ -374,7 +378,7 @@ def _matches(pattern, full_name):
     return re.fullmatch(regex, full_name) is not None
 
 
-def _kinds(pattern):
+def _kinds(pattern: str) -> tuple[str, ...]:
     """
     Return the kinds of node that a section can be for; none for one of somebody else's nodes.
 
@@ -392,7 +396,7 @@ def _kinds(pattern):
     return ()
 
 
-def find_file(name):
+def find_file(name: str | Path) -> Path:
     """
     Return the path of a configuration file.
 
@@ -414,12 +418,12 @@ def find_file(name):
         source=name)
 
 
-def load(name):
+def load(name: str | Path) -> ParameterFile:
     """Return the checked :class:`ParameterFile` of a path or a shipped name."""
     return ParameterFile(find_file(name))
 
 
-def check_new(path):
+def check_new(path: str | Path) -> None:
     """
     Refuse a path to record into that exists.
 
@@ -431,7 +435,7 @@ def check_new(path):
             source=path)
 
 
-def check_namespace(namespace):
+def check_namespace(namespace: str) -> str:
     """
     Return a namespace in full, ``/a/b``, or nothing for none.
 
@@ -446,7 +450,7 @@ def check_namespace(namespace):
     return full
 
 
-def check_ros_arguments(arguments, kinds):
+def check_ros_arguments(arguments: Sequence[str], kinds: Iterable[str]) -> None:
     """
     Refuse parameters on a command line that no node will ever look at.
 

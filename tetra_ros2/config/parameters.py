@@ -15,6 +15,7 @@ import math
 from pathlib import Path
 import re
 import sys
+from typing import Any
 
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import topology as topologies
@@ -28,11 +29,11 @@ class ConfigurationError(ValueError):
     right, in one line.
     """
 
-    def __init__(self, problem, *, source=None, key=None):
+    def __init__(self, problem: str, *, source: object = None, key: str | None = None) -> None:
         self.problem, self.source, self.key = problem, source, key
         super().__init__(': '.join(str(part) for part in (source, key, problem) if part))
 
-    def at(self, source):
+    def at(self, source: object) -> 'ConfigurationError':
         """Return the same error with its source named."""
         return ConfigurationError(self.problem, source=source, key=self.key)
 
@@ -57,7 +58,7 @@ class Parameter:
     """
 
     name: str
-    default: object
+    default: Any
     description: str
     minimum: float | None = None
     maximum: float | None = None
@@ -69,7 +70,7 @@ class Parameter:
     form: str = ''
 
     @property
-    def expected(self):
+    def expected(self) -> str:
         """Return in words what a right value is."""
         if self.form:
             return self.form
@@ -80,12 +81,12 @@ class Parameter:
             return 'a list of ' + {float: 'finite numbers', str: 'strings'}[self.items]
         kind = {int: 'an integer', float: 'a number', str: 'a string', bool: 'true or false'}
         text = kind[type(self.default)]
-        if self.minimum is not None:
+        if self.minimum is not None and self.maximum is not None:
             text += f' from {_number(self.minimum)}'
             text += ' up' if self.maximum == math.inf else f' to {_number(self.maximum)}'
         return text
 
-    def check(self, value):
+    def check(self, value: Any) -> Any:
         """
         Return the value, converted to the parameter's own type.
 
@@ -103,7 +104,7 @@ class Parameter:
                     return value
             elif self.minimum is None:
                 return value
-            elif self.minimum <= value <= self.maximum and (
+            elif self.maximum is not None and self.minimum <= value <= self.maximum and (
                     value == math.inf or self._is_finite(value)):
                 return type(self.default)(value)
         raise ConfigurationError(
@@ -111,12 +112,12 @@ class Parameter:
             f'expected {self.expected}', key=self.name)
 
     @staticmethod
-    def _is_finite(value):
+    def _is_finite(value: Any) -> bool:
         """Return whether a number is one that a float can hold; all else is finite enough."""
         return isinstance(value, str) or abs(value) <= sys.float_info.max
 
     @staticmethod
-    def _is(value, kind):
+    def _is(value: Any, kind: type) -> bool:
         if isinstance(value, bool) or kind is bool:
             return isinstance(value, bool) and kind is bool
         if kind is float:
@@ -124,18 +125,18 @@ class Parameter:
         return isinstance(value, kind)
 
 
-def _number(value):
+def _number(value: float) -> str:
     """Return a bound as one would write it by hand."""
     return str(value) if isinstance(value, int) else f'{value:g}'
 
 
-def shown(value, longest=60):
+def shown(value: object, longest: int = 60) -> str:
     """Return a value as it should stand in a message, cut if it is long."""
     text = repr(value)
     return text if len(text) <= longest else text[:longest] + '...'
 
 
-def nearest(word, words):
+def nearest(word: object, words: Iterable[str]) -> str:
     """Return `` (did you mean ...?)`` if one of ``words`` is close to ``word``, or nothing."""
     close = difflib.get_close_matches(str(word), words, n=1, cutoff=0.6)
     return f' (did you mean {close[0]!r}?)' if close else ''
@@ -263,7 +264,7 @@ ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 """Parameters that every rclpy node has of its own, beside qos_overrides.*."""
 
 
-def check_parameters(node, given):
+def check_parameters(node: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """
     Return all parameters of a node, those given checked, the others at their defaults.
 
@@ -282,12 +283,12 @@ def check_parameters(node, given):
     return values
 
 
-def is_ros_parameter(name):
+def is_ros_parameter(name: str) -> bool:
     """Return whether every rclpy node has a parameter of this name."""
     return name in ROS_PARAMETERS or name.startswith('qos_overrides.')
 
 
-def markdown():
+def markdown() -> str:
     """Return tables of all parameters, as they stand in ``docs/parameters.md``."""
     lines = []
     shared = {spec.name for spec in FORMATION}
@@ -305,7 +306,7 @@ def markdown():
     return '\n'.join(lines)
 
 
-def with_tables(text):
+def with_tables(text: str) -> str:
     """Return a page with the tables of :func:`markdown` between the two marks in it."""
     begin, end = '<!-- parameters: begin -->', '<!-- parameters: end -->'
     before, rest = text.split(begin)

@@ -6,7 +6,7 @@
 from pathlib import Path
 
 
-def share_directory():
+def share_directory() -> Path:
     """
     Return the directory that holds ``package.xml``, ``config`` and ``launch``.
 
@@ -23,6 +23,6 @@ def share_directory():
     raise FileNotFoundError(f'share/tetra_ros2 was not installed with {Path(__file__).parent}')
 
 
-def shipped():
+def shipped() -> dict[str, Path]:
     """Return the paths of the configurations that ship, by their bare names, in order."""
     return {file.stem: file for file in sorted((share_directory() / 'config').glob('*.yaml'))}

@@ -24,7 +24,7 @@ def _ends(gamma: ArrayLike) -> tuple[Array, Array]:
     return gamma[..., i, :], gamma[..., j, :]
 
 
-def pairwise_cosines(gamma: Array) -> Array:
+def pairwise_cosines(gamma: ArrayLike) -> Array:
     """
     Return ``cos(theta_ij)`` for i < j in lexicographic order; for n = 4 the paper's xi_s.
 
@@ -36,12 +36,12 @@ def pairwise_cosines(gamma: Array) -> Array:
     return result
 
 
-def pairwise_angles(gamma: Array) -> Array:
+def pairwise_angles(gamma: ArrayLike) -> Array:
     """Return ``theta_ij`` [rad] for i < j in lexicographic order, ``(..., n (n - 1) / 2)``."""
     return sphere.geodesic_distance(*_ends(gamma))
 
 
-def shape_error(gamma: Array, target_angles: Array) -> Array:
+def shape_error(gamma: ArrayLike, target_angles: Array) -> Array:
     """
     Return the largest distance of a pairwise angle from the target [rad], ``(...)``.
 

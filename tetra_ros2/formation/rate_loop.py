@@ -121,10 +121,11 @@ class RateLoopEquilibrium:
 def _derivative(function: Callable[[Array], Array], x: Array) -> Array:
     """Return the matrix of central differences of a function of arrays ``(k, m)``."""
     change = STEP * np.eye(len(x))
-    return (function(x + change) - function(x - change)).T / (2.0 * STEP)
+    matrix: Array = (function(x + change) - function(x - change)).T / (2.0 * STEP)
+    return matrix
 
 
-def _commands(attitudes: Array, weights: ArrayLike, gain: Gain) -> Array:
+def _commands(attitudes: Array, weights: Array, gain: Gain) -> Array:
     """Return what the law commands, y and z in the body frames, ``(..., n, 2)``."""
     gamma = rotation.rotate(attitudes, AXIS)
     seen = rotation.rotate(rotation.inverse(attitudes)[..., :, None, :], gamma[..., None, :, :])
@@ -177,7 +178,7 @@ def turn(attitudes: Array, rates: Array, commands: ArrayLike, bandwidth: float,
     return attitudes, rates
 
 
-def rate_loop_equilibrium(gamma: ArrayLike, weights: ArrayLike, gain: Gain, bandwidth: float, *,
+def rate_loop_equilibrium(gamma: ArrayLike, weights: Array, gain: Gain, bandwidth: float, *,
                           h: float = 0.0, delay_steps: int = 0,
                           near: RateLoopEquilibrium | None = None) -> RateLoopEquilibrium:
     """
@@ -290,7 +291,8 @@ def _symmetries(frames: Array, rates: Array, spin: Array, h: float, delay_steps:
     def turned(back: int) -> Array:
         axes = rotation.rotate(rotation.exp(h * back * spin), np.eye(3))
         whole: Array = rotation.rotate(inverse[:, None, :], axes)
-        return whole.transpose(0, 2, 1).reshape(3 * n, 3)
+        columns: Array = whole.transpose(0, 2, 1).reshape(3 * n, 3)
+        return columns
 
     own = np.zeros((n, 3, n))
     own[np.arange(n), :, np.arange(n)] = AXIS
@@ -305,7 +307,7 @@ def _symmetries(frames: Array, rates: Array, spin: Array, h: float, delay_steps:
     return np.concatenate([now, *before])
 
 
-def min_bandwidth(gamma: ArrayLike, weights: ArrayLike, gain: Gain, *, h: float = 0.0,
+def min_bandwidth(gamma: ArrayLike, weights: Array, gain: Gain, *, h: float = 0.0,
                   delay_steps: int = 0, accuracy: float = 1e-4) -> float:
     """
     Return above which bandwidth of the rate loops a formation is stable [1/s].
