@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from tetra_ros2.formation import coordinates, law, measures, shapes, sphere, topology
+from tetra_ros2.formation import coordinates, law, measures, rotation, shapes, sphere, topology
 from tetra_ros2.formation.gain import Cosine, Exponential
 
 RNG = np.random.default_rng(3)
@@ -38,14 +38,67 @@ def test_xi_and_the_chirality_give_the_formation_back():
     assert np.max(np.abs(back - FORMATIONS)) < 1e-9
 
 
+def mirror_image(formation):
+    """Return the mirror image in the plane of the first two."""
+    normal = sphere.normalize(np.cross(formation[..., 0, :], formation[..., 1, :]))
+    return formation - 2.0 * np.sum(
+        formation * normal[..., None, :], axis=-1, keepdims=True) * normal[..., None, :]
+
+
 def test_xi_does_not_tell_a_formation_from_its_mirror_image():
     xi = coordinates.transform(FORMATIONS)
     image = coordinates.inverse(xi, -measures.chirality(FORMATIONS))
     assert np.allclose(coordinates.transform(image), xi, atol=1e-7)
+    assert np.allclose(image, mirror_image(FORMATIONS), atol=1e-7)
     assert np.max(np.abs(image - FORMATIONS)) > 0.1
 
 
-@pytest.mark.parametrize('case', ['first at a pole', 'second at a pole', 'same', 'opposite'])
+def circle(latitude, count=200):
+    """Return formations on circles of one latitude about random axes, ``(count, 4, 3)``."""
+    rng = np.random.default_rng(11)
+    flat = coordinates.from_angles(latitude, rng.uniform(-np.pi, np.pi, (count, 4)))
+    return rotation.rotate(rotation.random(rng, (count,))[:, None], flat)
+
+
+@pytest.mark.parametrize('chirality', [-1, 0, 1])
+def test_on_a_great_circle_every_chirality_gives_the_formation_back(chirality):
+    formations = circle(0.0)
+    back = coordinates.inverse(coordinates.transform(formations), np.full(200, chirality))
+    assert np.max(np.abs(back - formations)) < 1e-6
+
+
+@pytest.mark.parametrize('chirality', [-1, 0, 1])
+def test_on_a_small_circle_no_chirality_tells_a_formation_from_its_mirror_image(chirality):
+    formations = circle(0.7)
+    assert np.allclose(coordinates.transform(mirror_image(formations))[:, :6],
+                       coordinates.transform(formations)[:, :6])
+    for formation in formations:
+        with pytest.raises(ValueError, match='mirror image'):
+            coordinates.inverse(coordinates.transform(formation), chirality)
+
+
+def test_a_chirality_of_zero_is_refused_where_it_decides():
+    with pytest.raises(ValueError, match='mirror image'):
+        coordinates.inverse(coordinates.transform(FORMATIONS[0]), 0)
+
+
+def test_two_agents_in_one_place_are_on_a_small_circle_with_the_others():
+    formation = FORMATIONS[0].copy()
+    formation[1] = formation[0]
+    with pytest.raises(ValueError, match='mirror image'):
+        coordinates.inverse(coordinates.transform(formation), 1)
+
+
+@pytest.mark.parametrize('off', [1e-3, 1e-5])
+def test_near_a_small_circle_the_chirality_still_decides(off):
+    formations = circle(0.7)
+    formations[:, 3] = sphere.normalize(formations[:, 3] + off * FORMATIONS[:200, 0])
+    back = coordinates.inverse(
+        coordinates.transform(formations), measures.chirality(formations))
+    assert np.max(np.abs(back - formations)) < 1e-6
+
+
+@pytest.mark.parametrize('case', ['first at a pole', 'second at a pole', 'opposite'])
 def test_singular_formations_come_back_too(case):
     formation = FORMATIONS[0].copy()
     if case == 'first at a pole':
@@ -53,7 +106,7 @@ def test_singular_formations_come_back_too(case):
     elif case == 'second at a pole':
         formation[1] = -coordinates.NORTH
     else:
-        formation[1] = formation[0] * (1.0 if case == 'same' else -1.0)
+        formation[1] = -formation[0]
         # The angle gamma is 0 by definition: only a formation that lies so comes back as it was.
         formation = coordinates.inverse(
             coordinates.transform(formation), measures.chirality(formation))

@@ -3,6 +3,7 @@
 
 """The checks of the paper's claims hold, and each of them can fail."""
 
+import itertools
 import json
 import math
 import os
@@ -26,7 +27,7 @@ from tetra_ros2.formation import (
     topology,
 )
 from tetra_ros2.paper import errata, registry, verify
-from tetra_ros2.paper.claims import preliminaries
+from tetra_ros2.paper.claims import almost_global, preliminaries, xi
 from tetra_ros2.paper.errata import ERRATA, erratum
 from tetra_ros2.paper.registry import CLAIMS as ALL
 from tetra_ros2.paper.runs import NodeRun
@@ -71,7 +72,7 @@ BY_WRONG_SIGN = [
     'closed-loop', 'angles', 'lyapunov', 'omega-attracts', 'proof-spectrum',
     'commuting-split', 'centre-manifold', 'triangular', 'triangular-weighted', 'xi-split',
     'xi-spectrum', 'locally-exponential', 'coplanar-decouples', 'coplanar-form',
-    'almost-global', 'almost-global-f2', 'weighted-graph',
+    'coplanar-unstable', 'almost-global', 'almost-global-f2', 'weighted-graph',
     'hurwitz-f1', 'hurwitz-f2', 'hurwitz-any', 'three-equations', 'rotating-forms']
 BY_WRONG_WEIGHT = [
     'closed-loop', 'angles', 'lyapunov', 'omega-t-in-omega', 'proof-spectrum', 'commuting-split',
@@ -80,8 +81,8 @@ BY_WRONG_WEIGHT = [
     'cross', 'almost-global', 'weighted-graph', 'omega-t-invariant', 'hurwitz-f1', 'hurwitz-f2',
     'three-equations', 'decomposition']
 BY_WRONG_GAIN = [
-    'assumption', 'locally-exponential', 'centre-manifold', 'hurwitz-f1', 'hurwitz-f2',
-    'almost-global', 'almost-global-f2', 'rotating-forms', 'coplanar-form', 'cross']
+    'assumption', 'assumption-any-a', 'locally-exponential', 'centre-manifold', 'hurwitz-f1',
+    'hurwitz-f2', 'almost-global', 'almost-global-f2', 'rotating-forms', 'coplanar-form', 'cross']
 
 
 def broken(system):
@@ -108,6 +109,9 @@ def off_cosine(x, true=np.cos):
 # What breaks each check that does not look at the law: (object, attribute, replacement).
 SABOTAGE = {
     'geodesic': (rotation, 'exp', lambda w, true=rotation.exp: true(-np.asarray(w))),
+    'geodesic-ends': (rotation, 'exp', lambda w, true=rotation.exp: true(1.1 * np.asarray(w))),
+    'ones-determinant': (np.linalg, 'det', lambda a, true=np.linalg.det: 1.01 * true(a)),
+    'exchange-spectrum': (np, 'fliplr', lambda a: np.roll(a, 1, axis=0)),
     'kinematics': (sphere, 'hat', lambda x, true=sphere.hat: -true(x)),
     'cosine-formula': (sphere, 'random', scaled_points),
     'simultaneous': (np.linalg, 'eig', lambda a, true=np.linalg.eig: (
@@ -133,7 +137,6 @@ SABOTAGE = {
     'polynomial-system': (coordinates, 'cosine_matrix', lambda c, true=coordinates.cosine_matrix:
                           true(0.5 * np.asarray(c))),
     'disjoint-equilibria': (stability, 'find_equilibria', lambda *_: ([], 300)),
-    'coplanar-unstable': (stability, 'find_equilibria', lambda *_: ([], 300)),
     'decomposition': (stability, 'find_equilibria', lambda *_: ([], 300)),
 }
 
@@ -187,6 +190,30 @@ def test_a_check_without_the_law_can_fail_too(key, monkeypatch):
     result = CLAIMS[key].check(SystemUnderTest())
     monkeypatch.undo()
     assert not result.passed
+
+
+def test_a_change_of_any_printed_entry_of_h_is_seen(monkeypatch):
+    rows = [row.split() for row in xi.PRINTED_H.strip().splitlines()]
+    assert np.shape(rows) == (6, 6)
+    for i, j in itertools.product(range(6), repeat=2):
+        entry = rows[i][j]
+        wrong = [list(row) for row in rows]
+        wrong[i][j] = 'x1x2-x3' if entry != 'x1x2-x3' else 'x1x2-x4'
+        text = '\n'.join(['', *map(' '.join, wrong), ''])
+        monkeypatch.setattr(xi, 'PRINTED_H', text)
+        assert not CLAIMS['triangular'].check(SystemUnderTest()).passed, (i, j)
+
+
+@pytest.mark.parametrize('point', almost_global.KKT_POINTS)
+def test_a_solution_that_the_paper_does_not_print_is_found(point, monkeypatch):
+    others = {p: value for p, value in almost_global.KKT_POINTS.items() if p != point}
+    monkeypatch.setattr(almost_global, 'KKT_POINTS', others)
+    assert not CLAIMS['kkt-points'].check(SystemUnderTest()).passed
+
+
+def test_a_stable_coplanar_formation_would_be_found(monkeypatch):
+    monkeypatch.setattr(almost_global, 'out_of_plane', lambda *_: -np.eye(4))
+    assert not CLAIMS['coplanar-unstable'].check(SystemUnderTest()).passed
 
 
 def test_checks_of_the_nodes_fail_for_a_run_that_does_not_form():

@@ -9,7 +9,8 @@ attitudes make, and three angles ``phi_1, psi_1, gamma``, which say how that sha
 world. The cosines obey an equation of their own, for any n and any weights.
 
 The paper calls Phi a diffeomorphism. It is two-to-one: a formation and its mirror image in the
-plane of Gamma_1 and Gamma_2 have the same xi. The inverse here therefore asks for the chirality.
+plane of Gamma_1 and Gamma_2 have the same xi. The inverse here therefore asks for the chirality,
+which tells the two apart unless the four agents are on a small circle.
 """
 
 import numpy as np
@@ -24,6 +25,12 @@ NORTH = np.array([0.0, 0.0, 1.0])
 POLE = 1e-12
 """How close to the poles, or to each other's line, two points are on it [rad]: an angle about the
 axis means nothing there, and is 0 by definition."""
+
+FLAT = 1e-7
+"""How far from one great circle a formation is on it: the root of the rounding of its cosines."""
+
+NO_VOLUME = 1e-12
+"""A volume of which the sign means nothing."""
 
 
 def angles(gamma: ArrayLike) -> tuple[Array, Array]:
@@ -143,9 +150,12 @@ def inverse(xi: ArrayLike, chirality: ArrayLike) -> Array:
     Return the formation of given coordinates: ``inverse(transform(G), chirality(G)) == G``.
 
     :param xi: six cosines of a formation that exists, and three angles [rad], ``(..., 9)``
-    :param chirality: 1 or -1, ``(...)``; 0 may stand for either where the four are coplanar
+    :param chirality: 1 or -1, ``(...)``; any number where the four are on one great circle: there
+        they are their own mirror image
     :returns: reduced attitudes, ``(..., 4, 3)``
-    :raises ValueError: if the cosines are not those of four points on the sphere
+    :raises ValueError: if the cosines are not those of four points on the sphere; or if the
+        chirality does not tell the formation from its mirror image, because it is 0, or because
+        the four are on a small circle: both have volume 0 then, and are not the same
     """
     xi = np.asarray(xi, dtype=float)
     cosines = cosine_matrix(xi[..., :6])
@@ -155,8 +165,12 @@ def inverse(xi: ArrayLike, chirality: ArrayLike) -> Array:
     values, vectors = np.linalg.eigh(cosines)
     # The Gram matrix has rank 3 at most, so three coordinates hold all of it.
     shape = vectors[..., 1:] * np.sqrt(np.maximum(values[..., None, 1:], 0.0))
-    handed = measures.chirality(shape) * np.where(np.asarray(chirality) < 0.0, -1.0, 1.0)
-    shape = sphere.normalize(np.where(handed < 0.0, -1.0, 1.0)[..., None, None] * shape)
+    volume = np.linalg.det(shape[..., 1:, :] - shape[..., :1, :])
+    great_circle = values[..., 1] < FLAT**2
+    if np.any(~great_circle & ((np.asarray(chirality) == 0) | (np.abs(volume) < NO_VOLUME))):
+        raise ValueError('the chirality does not tell this formation from its mirror image')
+    mirrored = volume * np.asarray(chirality) < 0.0
+    shape = sphere.normalize(np.where(mirrored, -1.0, 1.0)[..., None, None] * shape)
     return normalized(shape) @ np.swapaxes(attitude(xi[..., 6:]), -1, -2)
 
 

@@ -50,7 +50,9 @@ TOLERANCE = 1e-10
 
 def _first_step(weights: Array, gain: Gain) -> float:
     """Return a length of a step [s] that no start is too fast for."""
-    fastest = float(np.max(np.sum(np.abs(weights), axis=1)) * gain.f(0.0))
+    # The largest f is f(0) by the assumption, which a gain under study need not satisfy.
+    largest = float(np.max(np.abs(gain.f(np.linspace(0.0, np.pi, 65)))))
+    fastest = float(np.max(np.sum(np.abs(weights), axis=1))) * largest
     return 0.1 / fastest if fastest else 1.0
 
 

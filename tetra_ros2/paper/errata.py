@@ -4,22 +4,24 @@
 """
 What the paper prints and cannot mean: each with the computation that shows it.
 
-A check returns two deviations, of the printed form and of the corrected one, from what they are
-to be; the first must not be zero and the second must. ``docs/errata.md`` lists them all. To
-add one, write its check below with the decorator ``erratum``, and its row there.
+What is printed is quoted from the paper's LaTeX, less its spacing commands. A check returns two
+deviations, of the printed form and of the corrected one, from what they are to be. The first must
+not be zero and the second must. ``docs/errata.md`` lists them all. To add one, write its check
+below with the decorator ``erratum``, and its row there.
 """
 
 from collections.abc import Callable, Sequence
 import itertools
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import coordinates, law, measures, rotation, shapes, sphere, stability
 from tetra_ros2.formation import topology as topologies
-from tetra_ros2.paper.differences import derivative
+from tetra_ros2.formation.gain import Gain
+from tetra_ros2.paper.differences import out_of_plane
 from tetra_ros2.paper.formations import TETRAHEDRON
 from tetra_ros2.paper.registry import Claim, claim, CLAIMS, Result
 from tetra_ros2.paper.system import SystemUnderTest
@@ -41,7 +43,7 @@ def erratum(key: str, label: str, printed: str,
 
     :param key: its name on the command line
     :param label: where it stands
-    :param printed: what is printed
+    :param printed: what is printed, in the paper's LaTeX
     :param corrected: what holds
     """
     def register(deviations: Deviations) -> Deviations:
@@ -62,8 +64,9 @@ def _off_poles(gamma):
 
 
 @erratum('erratum-angle-equation', 'eq:PF:ClosedSysRPY2',
-          'dphi_i = sum f [sin(phi_i) cos(psi_j - psi_i) - ...]',
-          'dphi_i = sum f [sin(phi_i) cos(phi_j) cos(psi_j - psi_i) - cos(phi_i) sin(phi_j)]')
+         r'\dot{\phi}_i = \sum\limits_{j\in \mathcal{N}_i}{f(\theta_{ij})\left[ \sin(\phi_i) '
+         r'\cos(\psi_j-\psi_i) - \cos(\phi_i) \sin(\phi_j) \right]}',
+         'dphi_i = sum f [sin(phi_i) cos(phi_j) cos(psi_j - psi_i) - cos(phi_i) sin(phi_j)]')
 def _angle_equation(system: SystemUnderTest) -> Pair:
     gamma = _off_poles(sphere.random(system.rng, (500, 4)))
     phi, psi = coordinates.angles(gamma)
@@ -78,8 +81,8 @@ def _angle_equation(system: SystemUnderTest) -> Pair:
 
 
 @erratum('erratum-singular-psi', 'eq:SF:newCoorTransPara, singular cases',
-          'psi_k is undefined, and set to 0, at Gamma_k = [1, 0, 0]',
-          'that is at the poles, Gamma_k = [0, 0, 1] and [0, 0, -1]')
+         r'$\psi_k=0$ when $\Gamma_{k}=[1,0,0]^T$',
+         'psi_k is singular, and set to 0, at the poles, Gamma_k = [0, 0, 1] and [0, 0, -1]')
 def _singular_psi(system: SystemUnderTest) -> Pair:
     around = system.rng.uniform(-np.pi, np.pi, 200)
     circle = 1e-9 * np.stack([np.cos(around), np.sin(around)], axis=-1)
@@ -94,8 +97,8 @@ def _singular_psi(system: SystemUnderTest) -> Pair:
 
 
 @erratum('erratum-singular-gamma', 'eq:SF:newCoorTransPara, singular cases',
-          'gamma is undefined at Gamma_1 = Gamma_2',
-          'it is so at Gamma_1 = -Gamma_2 as well')
+         r'$\gamma=0$ when $\Gamma_{1}=\Gamma_{2}$',
+         'gamma is singular, and set to 0, at Gamma_1 = -Gamma_2 as well')
 def _singular_gamma(system: SystemUnderTest) -> Pair:
     def spread(sign):
         first = sphere.random(system.rng, (1,))
@@ -108,42 +111,66 @@ def _singular_gamma(system: SystemUnderTest) -> Pair:
     return printed, np.minimum([spread(1.0) - 6.0, spread(-1.0) - 6.0], 0.0)
 
 
+def _mirror(gamma: np.ndarray) -> np.ndarray:
+    """Return the mirror images in the plane of Gamma_1 and Gamma_2, ``(..., 4, 3)``."""
+    normal = sphere.normalize(np.cross(gamma[..., 0, :], gamma[..., 1, :]))[..., None, :]
+    return gamma - 2.0 * np.sum(gamma * normal, axis=-1, keepdims=True) * normal
+
+
 @erratum('erratum-diffeomorphism', 'Section 4.2, Remark on Phi',
-          'Phi is diffeomorphic everywhere except on the boundary',
-          'it is two-to-one: a formation and its mirror image in the plane of Gamma_1 and Gamma_2 '
-          'have one xi; with the chirality it can be inverted')
+         r'$\xi=\Phi(\mathbf{\Gamma})$ in (\ref{eq:SF:newCoorTrans}) is diffeomorphic everywhere '
+         r'except on the boundary',
+         'it is two-to-one: a formation and its mirror image in the plane of Gamma_1 and Gamma_2 '
+         'have one xi; the chirality tells them apart, unless the four are on a small circle')
 def _diffeomorphism(system: SystemUnderTest) -> Pair:
     gamma = sphere.random(system.rng, (300, 4))
-    xi, handed = coordinates.transform(gamma), measures.chirality(gamma)
-    image = coordinates.inverse(xi, -handed)
-    same_xi = np.max(np.abs(coordinates.transform(image) - xi)[:, :6])
-    volume = np.abs(np.linalg.det(gamma[:, 1:] - gamma[:, :1]))
-    back = coordinates.inverse(xi, handed)
-    apart = np.max(np.abs(image - gamma)) if same_xi < 1e-9 else 0.0
-    return apart, (back - gamma)[volume > 0.05]
+    image, xi = _mirror(gamma), coordinates.transform(gamma)
+    same = np.max(np.abs(np.exp(1j * coordinates.transform(image)) - np.exp(1j * xi)))
+    # Injective it would be if a formation of the same xi were the same formation.
+    apart = np.max(np.abs(image - gamma)) if same < 1e-9 else 0.0
+    back = coordinates.inverse(xi, measures.chirality(gamma))
+    circle = rotation.rotate(rotation.random(system.rng), coordinates.from_angles(
+        0.6, system.rng.uniform(-np.pi, np.pi, 4)))
+    # On a small circle the volume is zero, and yet the mirror image is another formation.
+    volume = np.linalg.det(circle[1:] - circle[0])
+    undecided = np.max(np.abs(_mirror(circle) - circle)) < 1e-3
+    return apart, np.array([np.max(np.abs(back - gamma)), volume, undecided])
 
 
-@erratum('erratum-xi-c-closed', 'eq:SF:newCorDynf2, eq:RF:newCorDynf2',
-          'dxi_c/dt is a function of xi_c and xi_s',
-          'it is one of xi_c, xi_s and the chirality')
-def _xi_c_closed(system: SystemUnderTest) -> Pair:
+def _absolute_rates(points: np.ndarray, weights: np.ndarray, gain: Gain) -> np.ndarray:
+    velocity = law.velocity(points, weights, gain)
+    ahead, behind = (coordinates.absolute(sphere.exp(points, t * velocity))
+                     for t in (1e-4, -1e-4))
+    return np.angle(np.exp(1j * (ahead - behind))) / 2e-4
+
+
+def _not_closed(system: SystemUnderTest, weights: np.ndarray) -> Pair:
+    """Return how dxi_c/dt differs between formations of one xi, and of one chirality as well."""
     gamma = _off_poles(sphere.random(system.rng, (300, 4)))
-    image = coordinates.inverse(coordinates.transform(gamma), -measures.chirality(gamma))
+    gamma = gamma[np.abs(np.sum(gamma[:, 0] * gamma[:, 1], axis=-1)) < 0.9]
     again = coordinates.inverse(coordinates.transform(gamma), measures.chirality(gamma))
-    clear = np.abs(np.linalg.det(gamma[:, 1:] - gamma[:, :1])) > 0.3
+    image, back, here = (_absolute_rates(points, weights, system.gains[0])
+                         for points in (_mirror(gamma), again, gamma))
+    return image - here, back - here
 
-    def twist(points):
-        velocity = law.velocity(points, system.rotating.weights, system.gains[0])
-        ahead, behind = (coordinates.absolute(sphere.exp(points, t * velocity))
-                         for t in (1e-4, -1e-4))
-        return (np.angle(np.exp(1j * (ahead - behind))) / 2e-4)[clear]
 
-    return twist(image) - twist(gamma), twist(again) - twist(gamma)
+@erratum('erratum-xi-c-closed', 'eq:SF:newCorDynf2', r'\dot{\xi}_c= \hat{f}_c(\xi_c,\xi_s)',
+         'dxi_c/dt is a function of xi_c, xi_s and the chirality')
+def _xi_c_closed(system: SystemUnderTest) -> Pair:
+    return _not_closed(system, system.complete.weights)
+
+
+@erratum('erratum-xi-c-closed-weighted', 'eq:RF:newCorDynf2',
+         r'\dot{\xi}_c= \widetilde{f}_c(\xi_c,\xi_s)',
+         'dxi_c/dt is a function of xi_c, xi_s and the chirality under this graph, too')
+def _xi_c_closed_weighted(system: SystemUnderTest) -> Pair:
+    return _not_closed(system, system.rotating.weights)
 
 
 @erratum('erratum-one-rotation', 'Thm:SF:ExistCM, before it',
-          'every Gamma in Omega_T is transformed to Gamma* by a rotation',
-          'by a rotation, or a rotation and a reflection: Omega_T has two components')
+         r'for any formation $\mathbf{\Gamma} \in \Omega_T$, we can transform it to '
+         r'$\mathbf{\Gamma}^*$ by a rotational transformation',
+         'by a rotation, or a rotation and a reflection: Omega_T has two components')
 def _one_rotation(_system: SystemUnderTest) -> Pair:
     star = TETRAHEDRON
     image = stability.mirrored(star)
@@ -153,8 +180,9 @@ def _one_rotation(_system: SystemUnderTest) -> Pair:
 
 
 @erratum('erratum-coplanar-set', 'Thm:SFG:CoplaneUnStable, Omega_C',
-          'Gamma_i = exp(theta_i u^) Gamma_1 for any u, Gamma_1 (also small circles)',
-          'the same with u orthogonal to Gamma_1')
+         r'\Gamma_i= exp(\theta_i \widehat{u})\Gamma_1, \Gamma_1 \in \mathcal{S}^2, '
+         r'u\in \mathcal{S}^2',
+         'the same with u orthogonal to Gamma_1: else the four are on a small circle')
 def _coplanar_set(system: SystemUnderTest) -> Pair:
     rng = system.rng
     first, u = sphere.random(rng, (2, 100))
@@ -168,40 +196,77 @@ def _coplanar_set(system: SystemUnderTest) -> Pair:
 
 
 @erratum('erratum-gaps', 'Thm:SFG:CoplaneUnStable, proof',
-          'theta_{i,i+1} <= pi for all i, so sum theta_{i,i+1} = 2 pi, as else there is no '
-          'equilibrium', 'consensus is one, with sum theta = 0; v^T A v = 16 a > 0 there')
+         r'Suppose $\theta_{i,i+1} \le \pi$, $\forall i \in \mathcal{V}$, otherwise a '
+         r'contradiction can be obtained easily from the fact that ${\Gamma}^*$ is one equilibria',
+         'consensus is an equilibrium, one of whose gaps is 2 pi; v^T A v = 16 a > 0 there')
 def _gaps(system: SystemUnderTest) -> Pair:
-    gain = system.gains[0]
+    gain, weights = system.gains[0], system.complete.weights
     gamma = np.tile([1.0, 0.0, 0.0], (4, 1))
-    weights = system.complete.weights
     speed = np.max(np.abs(law.velocity(gamma, weights, gain)))
-    psi = np.zeros(4)
-    matrix = derivative(lambda phi: law.velocity(
-        coordinates.from_angles(phi, psi), weights, gain)[..., 2] / np.cos(phi), np.zeros(4), 1e-3)
+    psi = np.sort(coordinates.angles(gamma)[1])
+    gaps = np.append(np.diff(psi), 2.0 * np.pi - np.ptp(psi))
     v = np.array([1.0, 0.0, -1.0, 0.0])
-    around = np.sum(sphere.geodesic_distance(gamma, np.roll(gamma, -1, axis=0)))
-    return around - 2.0 * np.pi, np.array([speed, v @ matrix @ v - 16.0 * gain.a])
+    bend = v @ out_of_plane(gamma, weights, gain) @ v
+    return np.max(gaps) - np.pi, np.array([speed, bend - 16.0 * gain.a])
 
 
-@erratum('erratum-a-psi', 'Thm:SFG:CoplaneUnStable, proof',
-          'A_psi, the matrix of the phi equation eq:SFG:ClosedSysRPY2, is meant by its name',
-          'it is A_phi: at the cross the psi equation has {0, -2a, -2a, -4a}, the phi equation '
-          '{2a, -2a, 0, 0}')
-def _a_psi(system: SystemUnderTest) -> Pair:
-    gain = system.gains[0]
-    psi = -np.pi + np.arange(1, 5) * np.pi / 2.0
-    gamma = coordinates.from_angles(np.zeros(4), psi)
-    matrix = stability.angle_linearization(gamma, system.complete.weights, gain)
-    along = np.sort(np.linalg.eigvals(matrix[1::2, 1::2]).real)
-    across = np.sort(np.linalg.eigvals(matrix[0::2, 0::2]).real)
-    claimed = np.array([-2.0, 0.0, 0.0, 2.0]) * gain.a
-    return along - claimed, np.concatenate(
-        [across - claimed, along - np.array([-4.0, -2.0, -2.0, 0.0]) * gain.a])
+@erratum('erratum-cross-set', 'Thm:SFG:CoplaneUnStable, proof, Omega_Cbar',
+         r'\Omega_{\overline{C}}=\left\{ \mathbf{\Gamma} \in (\mathcal{S}^2)^4 : '
+         r'\Gamma_i^T\Gamma_j \in \{0, -1\}, \forall i \neq j \right\}$, i.e. $\mathbf{\Gamma}^*$ '
+         r'constructs a cross formation',
+         'the coplanar ones of this set: it contains (e1, -e1, e2, e3), which is neither a cross '
+         'nor coplanar')
+def _cross_set(_system: SystemUnderTest) -> Pair:
+    thickness, crosses = [], []
+    for cosines in itertools.product((0.0, -1.0), repeat=6):
+        values = np.linalg.eigvalsh(coordinates.cosine_matrix(np.array(cosines)))
+        if values[0] > -1e-12 and values[0] < 1e-12:  # four vectors in space have this Gram matrix
+            thickness.append(math.sqrt(max(values[1], 0.0)))
+            if thickness[-1] < 1e-6:
+                # A cross is two antipodal pairs, at right angles.
+                crosses.append(sorted(cosines) == [-1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
+    return max(thickness), 1.0 - np.array(crosses)
+
+
+@erratum('erratum-regularity', 'Thm:SF:stableEquiSet',
+         r'if the function $f(\cdot)$ in control (\ref{eq:PF:Control}) is nonnegative and bounded '
+         r'almost everywhere on $[0,\pi]$',
+         'nonnegative and Lipschitz continuous: LaSalle needs solutions that depend continuously '
+         'on the start; if f jumps, a solution can stay where the control is not zero')
+def _regularity(system: SystemUnderTest) -> Pair:
+    """Return the control where a solution stays: two agents in one place, one on either side."""
+    edge = math.radians(130.0)
+
+    def rate(alpha: float, gain: _Function) -> float:
+        gamma = coordinates.from_angles(np.zeros(4), np.array([0.0, 0.0, alpha, -alpha]))
+        east = np.array([-math.sin(alpha), math.cos(alpha), 0.0])
+        return float(law.velocity(gamma, system.complete.weights, gain)[2] @ east)
+
+    jump = _Function(lambda theta: np.where(theta < edge, 1.0, 0.5))
+    below, above = rate(edge - 1e-9, jump), rate(edge + 1e-9, jump)
+    # Both sides drive the solution to the edge, so that it stays there, where neither is zero.
+    stays = min(below, -above)
+    ramp = _Function(lambda theta: np.interp(theta, [edge - 0.05, edge + 0.05], [1.0, 0.5]))
+    alpha = 2.0
+    for _ in range(4000):
+        alpha += 0.02 * rate(alpha, ramp)
+    return max(stays, 0.0), rate(alpha, ramp)
+
+
+class _Function(Gain):
+    """A gain of any function, whether it satisfies an assumption or not."""
+
+    def __init__(self, function: Callable[[np.ndarray], np.ndarray]):
+        object.__setattr__(self, 'function', function)
+
+    def f(self, theta: Any, xp: Any = np) -> Any:
+        """Return f(theta)."""
+        return self.function(np.asarray(theta))
 
 
 @erratum('erratum-successor', 'As:RF:weighedgraph, Suc^k',
-          'Suc^k(i) = (i + 1) mod n, or (i + 2) mod n where i + 1 = k',
-          'i mod n + 1, and once more if that is k; agents are 1..n')
+         r'(i+1)\, mod\, n, & if\; i+1 \neq k\\ (i+2)\, mod\, n, & if\; i+1 = k',
+         'i mod n + 1, and once more if that is k; agents are 1..n')
 def _successor(_system: SystemUnderTest) -> Pair:
     def printed(i, k):
         return (i + 1) % 4 if i + 1 != k else (i + 2) % 4
@@ -220,24 +285,10 @@ def _successor(_system: SystemUnderTest) -> Pair:
     return float(off(printed)), np.array([off(corrected), agree])
 
 
-@erratum('erratum-neighbours', 'Section 2 and As:RF:weighedgraph',
-          'N_i = {j: (j, i) in E} beside the weight W(i, j) of the edge (i, j)',
-          'N_i = {j: (i, j) in E}: taken the other way round p = 1 spins as p = 0 does')
-def _neighbours(system: SystemUnderTest) -> Pair:
-    gain = system.gains[0]
-    spin = -math.sqrt(3.0) / 2.0 * gain.f(shapes.THETA_STAR)
-
-    def about_first(weights):
-        velocity = law.velocity(TETRAHEDRON, weights, gain)
-        return measures.angular_velocity(TETRAHEDRON, velocity) @ TETRAHEDRON[0]
-
-    weights = system.rotating.weights
-    return about_first(weights.T) - spin, about_first(weights) - spin
-
-
 @erratum('erratum-derivative', 'eq:RF:SpeedDerive1',
-          'R3 (dR1/dphi_1) R1 dphi_1, and the last three terms without Gamma~_i',
-          'R3 (dR2/dphi_1) R1 dphi_1, all of it times Gamma~_i')
+         r'R_3\frac{\partial R_1}{\partial \phi_1}R_1\dot{\phi_1}',
+         'R3 (dR2/dphi_1) R1 Gamma~_i dphi_1: R1 is a function of gamma; the two terms beside it '
+         'lack their factor Gamma~_i, too')
 def _derivative(system: SystemUnderTest) -> Pair:
     rng = system.rng
     xi_c, rates = rng.uniform(-1.0, 1.0, (2, 100, 3))
@@ -259,7 +310,8 @@ def _derivative(system: SystemUnderTest) -> Pair:
 
 
 @erratum('erratum-normalised', 'Section 5, normalised tetrahedron',
-          'Gamma~_2 = [-2 sqrt2/3, 0, -1/3]', 'Gamma~_2 = [2 sqrt2/3, 0, -1/3]')
+         r'\widetilde{\Gamma}_2=[-\frac{2\sqrt{2}}{3} ,0 ,-\frac{1}{3}]^T',
+         'Gamma~_2 = [2 sqrt2/3, 0, -1/3]')
 def _normalised(_system: SystemUnderTest) -> Pair:
     s2, s6 = math.sqrt(2.0), math.sqrt(6.0)
     points = np.array([[0.0, 0.0, 1.0], [2.0 * s2 / 3.0, 0.0, -1.0 / 3.0],
@@ -270,8 +322,8 @@ def _normalised(_system: SystemUnderTest) -> Pair:
 
 
 @erratum('erratum-sense', 'Section 5, before the Proposition',
-          'dgamma/dt = -sqrt(3)/2 f(theta*)',
-          'so for the chirality printed; +sqrt(3)/2 f(theta*) for its mirror image')
+         r'\dot{\gamma}=-\frac{\sqrt{3}}{2}f(\theta^*)',
+         'so for the chirality printed; +sqrt(3)/2 f(theta*) for its mirror image')
 def _sense(system: SystemUnderTest) -> Pair:
     gain = system.gains[0]
     rate = math.sqrt(3.0) / 2.0 * gain.f(shapes.THETA_STAR)
@@ -283,8 +335,8 @@ def _sense(system: SystemUnderTest) -> Pair:
     return rates[1] + rate, np.array([rates[0] + rate, rates[1] - rate])
 
 
-@erratum('erratum-period', 'Section 6', 'the period is 2 sqrt(3) pi in both cases',
-          'it is 4 pi / (sqrt(3) f(theta*)): 2 sqrt(3) pi = 10.88 s with f1, 49.03 s with f2')
+@erratum('erratum-period', 'Section 6', r'The period of this rotation is exactly $2\sqrt{3}\pi$',
+         'it is 4 pi / (sqrt(3) f(theta*)): 2 sqrt(3) pi = 10.88 s with f1, 49.03 s with f2')
 def _period(system: SystemUnderTest) -> Pair:
     periods = []
     for gain in system.gains:
@@ -298,8 +350,8 @@ def _period(system: SystemUnderTest) -> Pair:
 
 
 @erratum('erratum-captions', 'Fig:Sim:SF and Fig:Sim:RF, captions',
-          'f1 = exp(-theta), f2 = cos(theta) + 1', 'f1 = cos(theta) + 1, f2 = exp(-theta), as in '
-          'the text and in the period that belongs to f1')
+         r'$f_1(\theta)=e^{-\theta}$ and $f_2(\theta)=\cos(\theta)+1$',
+         'f1 = cos(theta) + 1, f2 = exp(-theta), as in the text; the period belongs to this f1')
 def _captions(system: SystemUnderTest) -> Pair:
     # The period that the text reads off the figure tells which gain is f1.
     star, period = shapes.THETA_STAR, 2.0 * math.sqrt(3.0) * math.pi
@@ -307,37 +359,37 @@ def _captions(system: SystemUnderTest) -> Pair:
             for f in (math.exp(-star), system.gains[0].f(star))]
 
 
-@erratum('erratum-exchange-spectrum', 'Appendix A.1',
-          'J has the eigenvalues (-1)^i, i = 1..6', '(-1)^(i+1), i = 1..n: +1 once more than -1 '
-          'for odd n')
-def _exchange_spectrum(_system: SystemUnderTest) -> Pair:
-    def off(exponent):
-        worst = 0.0
-        for n in range(2, 12):
-            claimed = np.sort((-1.0) ** (np.arange(1, n + 1) + exponent))
-            worst = max(worst, np.max(np.abs(
-                np.linalg.eigvalsh(np.fliplr(np.eye(n))) - claimed)))
-        return worst
-    return off(0), off(1)
+@erratum('erratum-exchange-sign', 'Appendix A.1',
+         r'\lambda_i(\Lambda_n)=\lambda_{p(i)}(E_n)+\lambda_{q(i)}(J)',
+         'lambda(E_n) - lambda(J), as Lambda_n = E_n - J')
+def _exchange_sign(_system: SystemUnderTest) -> Pair:
+    plus, minus = 0.0, 0.0
+    for n in range(2, 12):
+        ones, j = np.ones((n, n)), np.fliplr(np.eye(n))
+        # The three commute: eigenvectors of a generic combination belong to each of them.
+        vectors = np.linalg.eigh(ones + math.sqrt(2.0) * j)[1]
+        of_ones, of_j, of_lambda = (
+            np.sum(vectors * (matrix @ vectors), axis=0) for matrix in (ones, j, ones - j))
+        plus = max(plus, np.max(np.abs(of_ones + of_j - of_lambda)))
+        minus = max(minus, np.max(np.abs(of_ones - of_j - of_lambda)))
+    return plus, minus
 
 
-@erratum('erratum-sixth-eigenvalue', 'Thm:SF:CMDetile, proof',
-          'the spectrum of the formation has six eigenvalues, -8F among them',
-          'five: -8F belongs to the direction that leaves the surface of the Gram identity')
-def _sixth(system: SystemUnderTest) -> Pair:
-    gain, weights = system.gains[0], system.complete.weights
-    matrix = coordinates.cosine_jacobian(np.full(6, -1.0 / 3.0), weights, gain)
-    out = np.ones(6) / math.sqrt(6.0)
-    slope = derivative(lambda q: measures.pairwise_cosines(sphere.exp(TETRAHEDRON, np.einsum(
-        'iap,kip->kia', stability.tangent_basis(TETRAHEDRON), q.reshape(-1, 4, 2)))), np.zeros(8))
-    eigen = np.max(np.abs(matrix @ out + 8.0 * gain.of_cosine(-1.0 / 3.0) * out))
-    real = stability.transverse(TETRAHEDRON, weights, gain).eigenvalues
-    nearest = np.min(np.abs(real + 8.0 * gain.of_cosine(-1.0 / 3.0)))
-    return nearest, np.array([eigen, np.max(np.abs(out @ slope))])
+@erratum('erratum-constraint-row', 'Appendix A.2', r'A_E=[1,1,1,1]^T',
+         'A_E = [1,1,1,1]: a row, as A_E X and [A_I^T A_E^T] are printed beside it')
+def _constraint_row(_system: SystemUnderTest) -> Pair:
+    x, a_i = np.zeros((4, 1)), np.vstack([-np.eye(4), np.eye(4)])
+
+    def misfit(a_e: np.ndarray) -> int:
+        """Return by how many rows or columns the two products are undefined."""
+        return abs(a_e.shape[1] - x.shape[0]) + abs(a_i.T.shape[0] - a_e.T.shape[0])
+
+    row = np.ones((1, 4))
+    return misfit(row.T), misfit(row)
 
 
-@erratum('erratum-range', 'eq:SF:proofPoint', 'psi*_i = pi/4 + (i-1) pi/2 with psi in [-pi, pi)',
-          'less 2 pi for i = 3, 4')
+@erratum('erratum-range', 'eq:SF:proofPoint', r'\psi^*_i=\frac{\pi}{4} + (i-1)\frac{\pi}{2}',
+         'less 2 pi for i = 3, 4, as psi_i is in [-pi, pi)')
 def _range(_system: SystemUnderTest) -> Pair:
     psi = np.pi / 4.0 + np.arange(4) * np.pi / 2.0
     wrapped = np.where(psi >= np.pi, psi - 2.0 * np.pi, psi)

@@ -3,11 +3,14 @@
 
 """Section 4.3 and Appendix A.2: every other equilibrium is unstable."""
 
+import dataclasses
+import itertools
 import math
 
 import numpy as np
 
-from tetra_ros2.formation import coordinates, law, sphere, stability
+from tetra_ros2.formation import coordinates, law, measures, sphere, stability
+from tetra_ros2.formation.gain import Gain
 from tetra_ros2.paper.claims._common import starts_that_form
 from tetra_ros2.paper.differences import derivative, out_of_plane
 from tetra_ros2.paper.formations import coplanar
@@ -40,23 +43,66 @@ def _inequality(system: SystemUnderTest) -> Result:
                    f'within {off:.2g} rad of (pi/2, ...) where below 1e-3')
 
 
+KKT_POINTS = {(0.0, *[2.0 * math.pi / 3.0] * 3): 1.25, (0.0, 0.0, math.pi, math.pi): 4.0,
+              (*[0.5 * math.pi] * 4,): 0.0}
+"""Solutions of the KKT condition and values of G there, as Appendix A.2 prints them."""
+
+
+def _kkt_points(rng: np.random.Generator, starts: int) -> np.ndarray:
+    """
+    Return what Newton's method finds of the points that satisfy the KKT condition, sorted.
+
+    Some x_i are 0 or pi and the others between, in every combination. Of those between, the slope
+    of G is the multiplier lambda_E. At 0 the slope, which is 0, must not be below it, at pi not
+    above it.
+    """
+    points = []
+    for zeros, pis in itertools.product(range(5), repeat=2):
+        inside = 4 - zeros - pis
+        fixed = [0.0] * zeros + [math.pi] * pis
+        if inside < 0:
+            continue
+        if inside == 0:  # lambda_E = 0 will do
+            points += [np.array(fixed)] if pis == 2 else []
+            continue
+        y = rng.uniform(0.0, math.pi, (starts, inside))
+        unknown = np.append(y, rng.uniform(-2.0, 2.0, (starts, 1)), axis=1)
+        for _ in range(40):
+            x, multiplier = unknown[:, :-1], unknown[:, -1:]
+            left = np.append(-np.sin(2.0 * x) - np.sin(x) - multiplier,
+                             np.sum(x, axis=1, keepdims=True) - (2.0 - pis) * math.pi, axis=1)
+            slope = np.zeros((starts, inside + 1, inside + 1))
+            i = np.arange(inside)
+            slope[:, i, i] = -2.0 * np.cos(2.0 * x) - np.cos(x)
+            slope[:, i, -1], slope[:, -1, i] = -1.0, 1.0
+            step = np.einsum('kij,kj->ki', np.linalg.pinv(slope, rcond=1e-12), left)
+            unknown = unknown - step * np.minimum(
+                1.0, 0.3 / np.maximum(np.max(np.abs(step), axis=1, keepdims=True), 1e-300))
+        x, multiplier = unknown[:, :-1], unknown[:, -1]
+        solved = (np.max(np.abs(left), axis=1) < 1e-12) & np.all(
+            (x > 1e-6) & (x < math.pi - 1e-6), axis=1)
+        if zeros:
+            solved &= multiplier <= 1e-9
+        if pis:
+            solved &= multiplier >= -1e-9
+        points += [np.sort(np.append(fixed, values)) for values in x[solved]]
+    return np.array(points)
+
+
 @claim('kkt-points', 'Appendix A.2',
        'the KKT points are (0, 2pi/3 x3), (0, 0, pi, pi), (pi/2 x4); G = 5/4, 4, 0',
-       'projected gradient and multipliers there; none of lower value from 2000 starts')
-def _kkt(_system: SystemUnderTest) -> Result:
-    left = 0.0
-    for x, value in (((0.0, *[2.0 * np.pi / 3.0] * 3), 1.25), ((0.0, 0.0, np.pi, np.pi), 4.0),
-                     ([0.5 * np.pi] * 4, 0.0)):
-        x = np.array(x)
-        left = max(left, abs(np.sum(np.cos(x) ** 2 + np.cos(x)) - value),
-                   abs(np.sum(x) - 2.0 * np.pi))
-        slope = -np.sin(2.0 * x) - np.sin(x)
-        inside = (x > 0.0) & (x < np.pi)
-        common = np.mean(slope[inside]) if np.any(inside) else 0.0
-        left = max(left, np.max(np.abs(slope[inside] - common), initial=0.0),
-                   np.max(common - slope[x == 0.0], initial=0.0),
-                   np.max(slope[x == np.pi] - common, initial=0.0))
-    return vanishes(left, 1e-12)
+       "Newton's method from 2000 starts for each set of active constraints: all it finds are "
+       'these, and all of these are found')
+def _kkt(system: SystemUnderTest) -> Result:
+    points = _kkt_points(system.rng, 2000)
+    printed = np.array(list(KKT_POINTS))
+    apart = np.max(np.abs(points[:, None] - printed), axis=-1)
+    found = set(np.argmin(apart, axis=1).tolist())
+    off_value = np.max(np.abs(np.sum(np.cos(printed) ** 2 + np.cos(printed), axis=1)
+                              - list(KKT_POINTS.values())))
+    off = max(float(np.max(np.min(apart, axis=1))), float(off_value))
+    return Result(0.0, off, 1e-6, len(found) == 3 and off < 1e-6,
+                  f'{len(points)} solutions, {len(found)} points')
 
 
 @claim('coplanar-decouples', 'eq:SFG:ClosedSysRPY1',
@@ -106,14 +152,53 @@ def _coplanar_form(system: SystemUnderTest) -> Result:
     return vanishes(worst, 1e-9)
 
 
+def _coplanar_equilibria(weights: np.ndarray, gain: Gain) -> np.ndarray:
+    """
+    Return all equilibria on the equator, longitudes ``(k, 4)`` with the first 0.
+
+    By Newton's method from every point of a grid of 20 degrees.
+    """
+    grid = np.radians(np.arange(0.0, 360.0, 20.0)) + 0.01
+    psi = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
+    psi = psi[np.all(np.diff(psi, axis=1) >= 0.0, axis=1)]  # every order of the three is alike
+
+    def rates(psi: np.ndarray) -> np.ndarray:
+        everybody = np.append(np.zeros((*psi.shape[:-1], 1)), psi, axis=-1)
+        ahead = everybody[..., :, None] - everybody[..., None, :]
+        theta = np.abs(np.angle(np.exp(1j * ahead)))
+        return np.sum(weights * gain.f(theta) * np.sin(ahead), axis=-1)[..., 1:]
+
+    for _ in range(40):
+        left = rates(psi)
+        slope = np.stack([(rates(psi + 1e-6 * e) - rates(psi - 1e-6 * e)) / 2e-6
+                          for e in np.eye(3)], axis=-1)
+        step = np.einsum('kij,kj->ki', np.linalg.pinv(slope, rcond=1e-9), left)
+        size = np.max(np.abs(step), axis=1, keepdims=True)
+        psi = psi - step * np.minimum(1.0, 0.3 / np.maximum(size, 1e-300))
+    everybody = np.append(np.zeros((len(psi), 1)), psi, axis=-1)
+    still = np.max(np.abs(law.velocity(coordinates.from_angles(
+        np.zeros_like(everybody), everybody), weights, gain)), axis=(-2, -1))
+    return everybody[still < 1e-9 * gain.a]
+
+
 @claim('coplanar-unstable', 'Thm:SFG:CoplaneUnStable', 'every coplanar equilibrium is unstable',
-       "the smallest of their largest eigenvalues; equilibria found by Newton's method")
+       'the smallest of their largest eigenvalues, relative to a; equilibria from a grid over all '
+       'coplanar formations, a = 1 and two more')
 def _coplanar_unstable(system: SystemUnderTest) -> Result:
-    found, _ = system.equilibria
-    flat = [e for e in found if stability.is_coplanar(e.gamma, 1e-5)]
-    kinds = ', '.join(sorted({e.kind for e in flat}))
-    least = min((float(np.max(e.eigenvalues.real)) for e in flat), default=math.nan)
-    return Result('> 0', least, 0.0, least > 1e-6, kinds)
+    least, kinds, count = math.inf, set(), 0
+    for factor in (1.0, 0.3, 4.0):
+        gain = dataclasses.replace(system.gains[0], a=factor * system.gains[0].a)
+        equilibria = _coplanar_equilibria(system.complete.weights, gain)
+        gamma = coordinates.from_angles(np.zeros_like(equilibria), equilibria)
+        count += len(gamma)
+        kinds |= {stability.classify(points) for points in gamma}
+        _, different = np.unique(
+            np.round(np.sort(measures.pairwise_cosines(gamma)), 6), axis=0, return_index=True)
+        for points in gamma[different]:
+            bend = np.linalg.eigvals(out_of_plane(points, system.complete.weights, gain))
+            least = min(least, float(np.max(bend.real)) / gain.a)
+    return Result('> 0', least if count else math.nan, 0.0, count > 0 and least > 1e-6,
+                  f'{count} found: {", ".join(sorted(kinds))}')
 
 
 @claim('cross', 'Thm:SFG:CoplaneUnStable', "the cross's A has the eigenvalues {2a, -2a, 0, 0}",
@@ -126,15 +211,24 @@ def _cross(system: SystemUnderTest) -> Result:
 
 
 @claim('decomposition', 'Thm:SF:Equilibria', 'Omega = Omega_T + coplanar equilibria',
-       "equilibria found by Newton's method that are neither, first gain")
+       "equilibria found by Newton's method that are neither, first gain; velocities are "
+       'proportional to a, so that one a speaks for all')
 def _decomposition(system: SystemUnderTest) -> Result:
     found, lost = system.equilibria
+    gain, weights = system.gains[0], system.complete.weights
+    gamma = sphere.random(system.rng, (100, 4))
+    here = law.velocity(gamma, weights, gain)
+    proportional = max(float(np.max(np.abs(law.velocity(
+        gamma, weights, dataclasses.replace(gain, a=factor * gain.a)) / factor - here)))
+        for factor in (1e-3, 0.3, 7.0, 1e3))
     strange = sum(e.found for e in found
                   if e.kind != 'tetrahedron' and not stability.is_coplanar(e.gamma, 1e-5))
     total = sum(e.found for e in found)
     tetrahedra = sum(e.found for e in found if e.kind == 'tetrahedron')
-    return Result(0, strange, 0, strange == 0 and tetrahedra > 0 and total > lost,
-                   f'{total} equilibria from {total + lost} starts, {tetrahedra} tetrahedra')
+    return Result(
+        0, strange, 0,
+        strange == 0 and tetrahedra > 0 and total > lost and proportional < 1e-12,
+        f'{total} equilibria from {total + lost} starts, {tetrahedra} tetrahedra')
 
 
 @claim('polynomial-system', 'Thm:SF:Equilibria', 'its only positive solution is f_ij = 2a/3',
@@ -142,7 +236,7 @@ def _decomposition(system: SystemUnderTest) -> Result:
 def _polynomials(system: SystemUnderTest) -> Result:
     a = getattr(system.gains[0], 'a', 1.0)
     rng = system.rng
-    f = rng.uniform(0.02, 2.0 * a, (system.times(3000), 6))
+    f = a * np.exp(rng.uniform(math.log(0.02), math.log(6.0), (system.times(3000), 6)))
 
     def equations(f):
         f12, f13, f14, f23, f24, f34 = np.moveaxis(f, -1, 0)
@@ -158,11 +252,12 @@ def _polynomials(system: SystemUnderTest) -> Result:
         step = -np.einsum('...ij,...j->...i', np.linalg.pinv(slope, rcond=1e-12), left)
         size = np.max(np.abs(step), axis=-1, keepdims=True)
         f = f + step * np.minimum(1.0, 0.3 * a / np.maximum(size, 1e-300))
-    solved = f[(np.max(np.abs(equations(f)), axis=-1) < 1e-12) & np.all(f > 1e-3 * a, axis=-1)]
-    # f = 2a is theta = 0 and beyond; the lemma's f comes from angles.
-    solved = solved[np.all(solved <= 2.0 * a, axis=-1)]
-    return vanishes(solved - 2.0 * a / 3.0 if len(solved) else math.nan, 1e-6,
-                    f'{len(solved)} solutions with 0 < f_ij <= 2a')
+    solved = f[(np.max(np.abs(equations(f)), axis=-1) < 1e-12 * a**4) & np.all(f >= 0.0, axis=-1)]
+    # Newton's method goes to solutions with a vanishing f_ij as well; they come to below 1e-6.
+    positive = solved[np.min(solved, axis=-1) > 1e-6 * a]
+    return vanishes(positive - 2.0 * a / 3.0 if len(positive) else math.nan, 1e-6,
+                    f'{len(positive)} positive solutions from {len(f)} starts up to 6a, '
+                    f'{len(solved) - len(positive)} with an f_ij of 0')
 
 
 claim('almost-global', 'Section 4.3, Theorem', 'almost every start forms; complete graph, f1',

@@ -22,6 +22,16 @@ def _geodesic(system: SystemUnderTest) -> Result:
     return vanishes(rotation.rotate(rotation.exp(theta[:, None] * k), x) - y, 1e-9)
 
 
+@claim('geodesic-ends', 'Section 2.1',
+       'where theta_ij is 0 or pi, any unit k_ij orthogonal to Gamma_i will do',
+       'identity at random points and random such k_ij, Gamma_j = Gamma_i and -Gamma_i')
+def _geodesic_ends(system: SystemUnderTest) -> Result:
+    x, any_vector = sphere.random(system.rng, (2, 10000))
+    k = sphere.normalize(np.cross(x, any_vector))
+    return vanishes([rotation.rotate(rotation.exp(theta * k), x) - math.cos(theta) * x
+                     for theta in (0.0, math.pi)], 1e-12)
+
+
 @claim('kinematics', 'eq:pre:DGamma', 'dGamma_i/dt = omega_i^ Gamma_i, and Gamma stays unit',
        'difference quotient of R b under R <- R exp(h w^), random attitudes')
 def _kinematics(system: SystemUnderTest) -> Result:
@@ -100,3 +110,23 @@ def _lambda(system: SystemUnderTest, parity: int) -> Result:
         claimed = np.sort([n - 1.0, *((-1.0) ** np.arange(2, n + 1))])
         worst = max(worst, np.max(np.abs(np.linalg.eigvalsh(lambda_matrix(n)) - claimed)))
     return vanishes(worst, 1e-11)
+
+
+@claim('ones-determinant', 'Appendix A.1', 'det(lambda I - E_n) = (lambda - n) lambda^(n-1)',
+       'at random lambda, n = 2..12, relative')
+def _ones_determinant(system: SystemUnderTest) -> Result:
+    worst = 0.0
+    for n in range(2, 13):
+        for value in system.rng.uniform(-2.0 * n, 2.0 * n, 20):
+            claimed = (value - n) * value ** (n - 1)
+            found = np.linalg.det(value * np.eye(n) - np.ones((n, n)))
+            worst = max(worst, abs(found - claimed) / max(abs(value), 1.0) ** n)
+    return vanishes(worst, 1e-11)
+
+
+@claim('exchange-spectrum', 'Appendix A.1', 'J has the eigenvalues (-1)^i, i = 1..6',
+       'eigenvalues of the exchange matrix of six rows')
+def _exchange_spectrum(_system: SystemUnderTest) -> Result:
+    found = np.linalg.eigvalsh(np.fliplr(np.eye(6)))
+    return vanishes(found - np.sort((-1.0) ** np.arange(1, 7)), 1e-13,
+                    'for odd n these are the eigenvalues of -J')
