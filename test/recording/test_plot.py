@@ -3,6 +3,7 @@
 
 """``tetra plot`` draws what was recorded, of any recording, quickly, and without ROS."""
 
+from dataclasses import replace
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -13,7 +14,6 @@ import numpy as np
 import pytest
 
 from tetra_ros2.commands import plot
-from tetra_ros2.drawing import colors, geometry
 from tetra_ros2.drawing import picture as drawing
 from tetra_ros2.formation import measures, shapes, topology
 from tetra_ros2.recording import plot as figures
@@ -29,7 +29,7 @@ def bag(tmp_path_factory):
     return path
 
 
-def test_every_figure_is_written_in_both_formats(tmp_path, bag):
+def test_every_figure_is_written_in_all_formats(tmp_path, bag):
     status, output, _ = run('plot', bag, '--out', tmp_path / 'new' / 'figures')
     assert status == 0
     assert 'cosine gain, a = 1,' in output
@@ -39,6 +39,7 @@ def test_every_figure_is_written_in_both_formats(tmp_path, bag):
         assert len(png) > 10_000
         root = ElementTree.parse(tmp_path / 'new' / 'figures' / f'{name}.svg').getroot()
         assert root.tag == '{http://www.w3.org/2000/svg}svg'
+        assert (tmp_path / 'new' / 'figures' / f'{name}.pdf').read_bytes().startswith(b'%PDF')
 
 
 def lines(run, name):
@@ -80,8 +81,65 @@ def test_whatever_was_recorded_is_drawn(tmp_path, options):
     bags.write(tmp_path / 'bag', **{'count': 60, **options})
     status, _, errors = run('plot', tmp_path / 'bag', '--out', tmp_path, '--format', 'png')
     assert status == 0, errors
-    assert len(list(tmp_path.glob('*.png'))) == len(plot.FIGURES)
+    expected = set(plot.FIGURES) - ({'rates'} if 'commands' in options else set())
+    assert {path.stem for path in tmp_path.glob('*.png')} == expected
     assert 'Warning' not in errors
+    assert ('rates: not drawn' in errors) == ('commands' in options)
+
+
+@pytest.mark.parametrize('options', [{}, {'commands': False}, {'count': 2}], ids=str)
+def test_no_panel_is_empty(tmp_path, options):
+    bags.write(tmp_path / 'bag', **{'count': 60, **options})
+    run = figures.Run(recording.load(tmp_path / 'bag'))
+    for name, make in figures._FIGURES.items():
+        if (figure := make(run)) is None:
+            assert name == 'rates'
+            continue
+        for axes in figure.axes:
+            drawn = [*axes.lines, *axes.collections, *axes.patches]
+            assert drawn, name
+            assert name == 'sphere' or any(
+                np.any(np.isfinite(line.get_ydata())) for line in axes.lines)
+
+
+def test_a_plant_that_repeats_itself_is_nothing_to_worry_about(tmp_path):
+    bags.write(tmp_path / 'bag', 60)
+    loaded = recording.load(tmp_path / 'bag')
+    assert replace(loaded, dropped=7, repeated=7).unused == 0
+    status, _, errors = run('plot', tmp_path / 'bag', '--out', tmp_path, '--only', 'error',
+                            '--format', 'pdf')
+    assert status == 0
+    assert not errors
+
+
+def test_the_error_that_sampling_leaves_is_named(tmp_path):
+    bags.write(tmp_path / 'bag', 2000, topology.rotating())
+    run = figures.Run(recording.load(tmp_path / 'bag'))
+    (label, (_, level)), = ((k, v) for k, v in lines(run, 'error').items() if 'sampling' in k)
+    assert 'sampling at 100 Hz: 0.000294 rad' in label
+    assert level[0] == pytest.approx(run.error[-1], rel=0.01)
+
+
+def test_trajectories_are_whole_and_their_starts_are_marked(tmp_path):
+    bags.write(tmp_path / 'bag', 2000, topology.rotating())
+    run = figures.Run(recording.load(tmp_path / 'bag'))
+    axes, = figures._FIGURES['sphere'](run).axes
+    see = drawing._Camera(drawing.best_view(run.gamma[-1]))
+    hollow = [line for line in axes.lines if line.get_markerfacecolor() == 'white']
+    assert {line.get_marker() for line in hollow} == set('os^D')
+    starts = np.array([[line.get_xdata()[0], line.get_ydata()[0]] for line in hollow])
+    np.testing.assert_allclose(starts, see(run.gamma[0])[:, :2], atol=1e-12)
+    segments = np.concatenate([c.get_segments() for c in axes.collections if len(
+        c.get_segments())])
+    for start in starts:
+        assert np.min(np.linalg.norm(segments - start, axis=-1)) < 1e-9, 'a trail begins there'
+
+
+def test_two_plots_of_one_recording_are_the_same_files(tmp_path, bag):
+    for name in ('a', 'b'):
+        run('plot', bag, '--out', tmp_path / name, '--only', 'cosines')
+    for path in (tmp_path / 'a').iterdir():
+        assert path.read_bytes() == (tmp_path / 'b' / path.name).read_bytes(), path.name
 
 
 def test_a_moving_picture_moves(tmp_path, bag):
@@ -140,49 +198,3 @@ def test_wrong_input_is_one_line_and_status_2(tmp_path, bag):
         assert errors.count('\n') == 1
         assert errors.startswith('tetra: error: ')
         assert not output
-
-
-MACHADO = {
-    'normal': np.eye(3),
-    'protanope': [[.152286, 1.052583, -.204868], [.114503, .786281, .099216],
-                  [-.003882, -.048116, 1.051998]],
-    'deuteranope': [[.367322, .860646, -.227968], [.280085, .672501, .047413],
-                    [-.011820, .042940, .968881]],
-    'tritanope': [[1.255528, -.076749, -.178779], [-.078411, .930809, .147602],
-                  [.004733, .691367, .303900]],
-}
-"""How linear RGB looks to whom; Machado, Oliveira, Fernandes 2009, severity 1."""
-
-
-def lab(color, sight):
-    """Return CIE L*a*b* (D65) of a colour as somebody sees it."""
-    c = np.array(colors.unit_rgb(color))
-    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    linear = np.clip(np.array(MACHADO[sight]) @ linear, 0.0, 1.0)
-    xyz = np.array([[.4124564, .3575761, .1804375], [.2126729, .7151522, .0721750],
-                    [.0193339, .1191920, .9503041]]) @ linear / [.95047, 1.0, 1.08883]
-    f = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
-    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
-
-
-@pytest.mark.parametrize('sight', MACHADO)
-def test_twelve_agents_are_told_apart_by_everybody(sight):
-    seen = np.array([lab(color, sight) for color in (*colors.AGENTS, '#ffffff')])
-    distances = np.linalg.norm(seen[:, None] - seen[None], axis=-1)
-    closest = np.min(distances[~np.eye(len(seen), dtype=bool)])
-    assert closest > 12.0, 'CIE76; 2.3 is just noticeable'
-
-
-def test_faces_of_a_formation_are_those_of_its_hull():
-    assert len(geometry.faces(shapes.TETRAHEDRON.points)) == 4
-    assert len(geometry.faces(shapes.OCTAHEDRON.points)) == 8
-    assert geometry.faces(shapes.TRIANGLE.points).tolist() == [[0, 1, 2]]
-    assert geometry.faces(shapes.ANTIPODAL.points).shape == (0, 3)
-    points = np.random.default_rng(4).standard_normal((12, 3))
-    points /= np.linalg.norm(points, axis=1, keepdims=True)
-    found = geometry.faces(points)
-    assert len(found) == 2 * 12 - 4, 'as Euler has it for triangles'
-    a, b, c = (points[found[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    heights = normals @ points.T - np.sum(normals * a, axis=1, keepdims=True)
-    assert np.all(heights < 1e-12), 'counter-clockwise from outside'

@@ -7,7 +7,7 @@ from contextlib import nullcontext
 import sys
 
 FIGURES = ('sphere', 'components', 'cosines', 'error', 'rates', 'timing')
-FORMATS = ('png', 'svg')
+FORMATS = ('png', 'svg', 'pdf')
 
 
 def add_arguments(parser):
@@ -20,7 +20,7 @@ def add_arguments(parser):
         '--only', nargs='+', choices=FIGURES, metavar='FIGURE', default=FIGURES,
         help=f'of {", ".join(FIGURES)} (default: all)')
     parser.add_argument(
-        '--format', nargs='+', choices=FORMATS, default=FORMATS, help='(default: both)')
+        '--format', nargs='+', choices=FORMATS, default=FORMATS, help='(default: all three)')
     parser.add_argument(
         '--movie', action='store_true', help='write sphere.gif too: the formation as it moves')
     parser.add_argument(
@@ -61,11 +61,13 @@ def run(arguments):
             raise ConfigurationError(
                 f'cannot be written to: {error.strerror}', source=out) from None
         run = figures.Run(loaded)
-        written = []
+        written, missing = [], []
         names = [name for name in FIGURES if name in arguments.only]
         for k, name in enumerate(names):
             show(name, 0.5 + 0.5 * k / len(names))
-            written += figures.write(run, name, out, arguments.format)
+            paths = figures.write(run, name, out, arguments.format)
+            written += paths
+            missing += [] if paths else [name]
         if arguments.movie:
             written.append(drawing.write_movie(
                 loaded.times, loaded.gamma, run.edges, out / 'sphere.gif',
@@ -78,9 +80,11 @@ def run(arguments):
     elif loaded.commands:
         print('the commands follow no gain that is known here, so no slope is predicted',
               file=sys.stderr)
-    if loaded.dropped:
-        print(f'{loaded.dropped} states were repeated, out of order or invalid, and not used',
-              file=sys.stderr)
+    if loaded.unused:
+        print(f'{loaded.unused} states are of another run, out of order or invalid, and were not '
+              'used', file=sys.stderr)
+    for name in missing:
+        print(f'{name}: not drawn, as no commands were recorded', file=sys.stderr)
     for path in written:
         print(path)
     return 0

@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 import numpy as np
 
-from tetra_ros2.drawing import colors, geometry
+from tetra_ros2.drawing import colors, geometry, style
 from tetra_ros2.formation import measures
 
 LATITUDES = (16.0, 24.0, 32.0)
@@ -107,7 +107,9 @@ def draw(axes, times, gamma, edges=(), *, trail=None, clock=False, view=None):
     axes.axis('off')
     _ball(axes, see)
     for i in range(n):
-        _trail(axes, see(way[:, i]), colors.agent(i + 1))
+        _trail(axes, see(way[:, i]), colors.agent(i + 1), whole=trail is None)
+        if trail is None and len(way) > 1:
+            _start(axes, see(way[0, i]), i + 1)
     _solid(axes, see, now)
     _edges(axes, see, now, edges)
     for i in np.argsort(see(now)[:, 2]):
@@ -133,14 +135,22 @@ def _ball(axes, see):
         segments[front, :, :2], colors='#c5ced7', linewidths=0.7, zorder=0.5))
 
 
-def _trail(axes, seen, color):
+def _start(axes, seen, i):
+    """Mark where an agent began: its marker, hollow."""
+    axes.plot(*seen[:2], marker=style.marker(i), markersize=6.0, markerfacecolor='white',
+              markeredgecolor=colors.agent(i), markeredgewidth=1.2, linestyle='none',
+              alpha=1.0 if seen[2] > 0.0 else 0.5, zorder=4.5 if seen[2] > 0.0 else 0.9)
+
+
+def _trail(axes, seen, color, whole=False):
     """Draw a trail that fades towards its beginning, and shines through the sphere behind it."""
     segments = np.stack([seen[:-1], seen[1:]], axis=1)
     depth = segments[:, :, 2].mean(axis=1)
     age = np.linspace(0.0, 1.0, len(segments))
     for front in (False, True):
         part = (depth > 0.0) == front
-        opacity = (0.12 + 0.88 * age ** 1.5) * (1.0 if front else 0.28)
+        faintest = 0.5 if whole else 0.12
+        opacity = (faintest + (1.0 - faintest) * age ** 1.5) * (1.0 if front else 0.28)
         rgba = np.concatenate([np.tile(colors.unit_rgb(color), (len(segments), 1)),
                                opacity[:, None]], axis=1)
         axes.add_collection(LineCollection(
@@ -180,7 +190,7 @@ def _agent(axes, see, direction, i):
     color = colors.agent(i)
     axes.plot([0.0, tip[0]], [0.0, tip[1]], color=color, linewidth=2.4 if front else 1.8,
               alpha=1.0 if front else 0.55, zorder=3.0, solid_capstyle='round')
-    axes.plot(*tip[:2], 'o', color=color, markersize=10.5 if front else 8.0,
+    axes.plot(*tip[:2], marker=style.marker(i), color=color, markersize=10.5 if front else 8.0,
               markeredgecolor='white', markeredgewidth=1.2, alpha=1.0 if front else 0.75,
               zorder=5.0 + tip[2])
     # Outwards of the tip, and never on top of it when the axis points at the eye.

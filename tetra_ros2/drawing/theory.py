@@ -102,6 +102,11 @@ class Theory:
         return None if self.shape is None else self._sampled_near(self.shape.points)
 
     @cached_property
+    def floor(self) -> float | None:
+        """Return the error [rad] that sampling leaves in the end, or None if not known."""
+        return None if self._sampled is None else float(self.error(self._sampled.gamma[None])[0])
+
+    @cached_property
     def _limits(self) -> dict[bytes, sampling.SampledEquilibrium | None]:
         return {}
 
@@ -194,11 +199,9 @@ def _cosines(values: NDArray[np.float64]) -> str:
 
 def _offset(theory: Theory) -> str:
     """Return the error that sampling leaves."""
-    there = theory._sampled
-    if there is None:
+    if theory.floor is None:
         return '—'
-    offset = float(theory.error(there.gamma[None])[0])
-    return '0' if offset < 1e-9 else f'{offset:.2e}'
+    return '0' if theory.floor < 1e-9 else f'{theory.floor:.2e}'
 
 
 def _number(value: float | None) -> str:

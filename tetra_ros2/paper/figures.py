@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 import numpy as np
 
+from tetra_ros2.drawing import style
 from tetra_ros2.formation import flow, measures, sampling, shapes, stability
 from tetra_ros2.paper.runs import NodeRun, run_nodes, slowest_rate
 from tetra_ros2.paper.system import SystemUnderTest
@@ -23,18 +24,14 @@ DURATIONS = {('complete', 0): 8.0, ('complete', 1): 40.0,
 
 NAMES = (r'$f_1(\theta) = 1 + \cos\theta$', r'$f_2(\theta) = e^{-\theta}$')
 
-AGENTS = (('#000000', '-', 'o'), ('#0b5fa5', '--', 's'), ('#c8501e', '-.', '^'),
-          ('#6b9416', (0, (1, 1)), 'D'))
-"""Colour, line and marker of each agent: as colours they differ in lightness, and in grey too."""
+AGENTS = tuple((look['color'], look['linestyle'], look['marker'])
+               for look in map(style.agent, range(1, 5)))
+"""Colour, line and marker of each agent, those of every figure of this package."""
 
-PAIRS = (('#000000', '-'), ('#5b2a86', '--'), ('#0b5fa5', '-.'), ('#b03a2e', (0, (1, 1))),
-         ('#c98a00', (0, (5, 1, 1, 1, 1, 1))), ('#6b9416', (0, (6, 2))))
+PAIRS = tuple((look['color'], look['linestyle']) for look in map(style.pair, range(6)))
 
 VIEW = (-60.0, 22.0)
 """From where the sphere is seen: longitude and latitude [deg]."""
-
-PREDICTION = {'color': '0.83', 'linewidth': 3.4, 'solid_capstyle': 'round',
-              'zorder': 1.9}
 
 
 class Measured:
@@ -96,9 +93,8 @@ def draw(measured: Sequence[Measured], directory: Path) -> None:
     :param directory: that exists
     """
     with matplotlib.rc_context({
-            'font.size': 8, 'axes.titlesize': 8, 'axes.linewidth': 0.6, 'lines.linewidth': 1.1,
-            'legend.fontsize': 7, 'legend.handlelength': 2.6, 'font.family': 'DejaVu Serif',
-            'mathtext.fontset': 'dejavuserif', 'pdf.fonttype': 42, 'svg.hashsalt': 'tetra'}):
+            **style.RC, 'font.size': 8, 'axes.titlesize': 8, 'lines.linewidth': 1.1,
+            'legend.fontsize': 7, 'legend.handlelength': 2.6}):
         for graph, name, figure in (('complete', 'stationary', _stationary),
                                     ('rotating', 'rotating', _rotating)):
             _save(figure([m for m in measured if m.graph == graph]), directory, name)
@@ -137,7 +133,7 @@ def _sphere(axes: Axes, result: Measured, letter: str) -> None:
                            np.cos(angle)], axis=-1)
         _curve(axes, circle, color='0.7', linewidth=0.35)
     for i, (color, line, marker) in enumerate(AGENTS):
-        _curve(axes, result.theory[:, i], **PREDICTION)
+        _curve(axes, result.theory[:, i], **style.PREDICTION)
         _curve(axes, result.run.gamma[:, i], color=color, linestyle=line, linewidth=1.2)
         for index, face in ((0, 'white'), (-1, color)):
             x, y, depth = _project(result.run.gamma[index, i])
@@ -161,7 +157,7 @@ def _agents_legend(figure: Figure) -> None:
         Line2D([], [], color='0.2', marker='o', markerfacecolor='white', linestyle='none',
                markersize=4, label='start'),
         Line2D([], [], color='0.2', marker='o', linestyle='none', markersize=4, label='end'),
-        Line2D([], [], **PREDICTION, label='predicted')]
+        Line2D([], [], **style.PREDICTION, label='predicted')]
     figure.legend(handles=handles, loc='outside upper center', ncols=7, frameon=False)
 
 
@@ -185,7 +181,7 @@ def _stationary(results: Sequence[Measured]) -> Figure:
         axes = grid[1, column]
         predicted = measures.pairwise_cosines(result.theory)
         for pair, ((i, j), (color, line)) in enumerate(zip(measures.pairs(4), PAIRS)):
-            axes.plot(result.run.times, predicted[:, pair], **PREDICTION)
+            axes.plot(result.run.times, predicted[:, pair], **style.PREDICTION)
             axes.plot(result.run.times, result.cosines[:, pair], color=color, linestyle=line,
                       label=f'{i}{j}')
         axes.axhline(-1.0 / 3.0, color='0.2', linewidth=0.5)
@@ -207,7 +203,7 @@ def _convergence(axes: Axes, result: Measured, letter: str) -> None:
     anchor = int(np.argmax(error < 1e-2))
     late = times >= times[anchor]
     axes.semilogy(times[late], error[anchor] * np.exp(
-        -result.predicted_rate * (times[late] - times[anchor])), **PREDICTION)
+        -result.predicted_rate * (times[late] - times[anchor])), **style.PREDICTION)
     axes.semilogy(times, error, color='black')
     axes.set(ylim=(1e-10, 10.0), ylabel=r'$\max|\theta_{ij} - \theta^*|$ [rad]')
     axes.text(0.97, 0.93, f'slowest rate [1/s]\nmeasured {result.measured_rate:.4f}\n'
@@ -234,7 +230,7 @@ def _rotating(results: Sequence[Measured]) -> Figure:
             axes = figure.add_subplot(lower[column][component])
             panels.append(axes)
             for i, (color, line, _) in enumerate(AGENTS):
-                axes.plot(result.run.times, result.theory[:, i, component], **PREDICTION)
+                axes.plot(result.run.times, result.theory[:, i, component], **style.PREDICTION)
                 axes.plot(result.run.times, result.run.gamma[:, i, component], color=color,
                           linestyle=line)
             axes.set(ylim=(-1.08, 1.08), ylabel=rf'$[\Gamma_i]_{component + 1}$ [1]')

@@ -9,7 +9,7 @@ from functools import cached_property
 from matplotlib.figure import Figure
 import numpy as np
 
-from tetra_ros2.drawing import colors
+from tetra_ros2.drawing import colors, style
 from tetra_ros2.drawing import picture as drawing
 from tetra_ros2.drawing.theory import Theory
 from tetra_ros2.formation import measures
@@ -20,11 +20,9 @@ POINTS = 1500
 FLOOR = 1e-16
 """The error below which there is nothing but rounding [rad]."""
 
-STYLE = {'axes.edgecolor': colors.MUTED, 'axes.labelcolor': colors.INK, 'font.size': 10,
+STYLE = {**style.RC, 'font.size': 9, 'axes.titlesize': 9, 'legend.fontsize': 8,
          'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': True,
-         'grid.color': '#e3e7eb', 'grid.linewidth': 0.8, 'text.color': colors.INK,
-         'xtick.color': colors.MUTED, 'ytick.color': colors.MUTED, 'legend.frameon': False,
-         'svg.fonttype': 'none', 'svg.hashsalt': 'tetra'}
+         'grid.color': '#e3e7eb', 'grid.linewidth': 0.6}
 
 
 class Run:
@@ -68,16 +66,17 @@ def write(run, name, directory, formats):
     :param run: a :class:`Run`
     :param name: which
     :param directory: an existing directory
-    :param formats: of ``png`` and ``svg``
-    :returns: the paths that were written
+    :param formats: of ``png``, ``svg`` and ``pdf``
+    :returns: the paths that were written; none where there is nothing to show
     """
     from matplotlib import rc_context
     with rc_context(STYLE):
         figure = _FIGURES[name](run)
+        if figure is None:
+            return []
         paths = [directory / f'{name}.{suffix}' for suffix in formats]
-        for path in paths:
-            # No date: the same recording makes the same file.
-            figure.savefig(path, dpi=150, metadata={'Date': None} if path.suffix == '.svg' else {})
+        for path, suffix in zip(paths, formats, strict=True):
+            figure.savefig(path, dpi=150, metadata=style.WITHOUT_DATE[suffix])
     return paths
 
 
@@ -92,16 +91,22 @@ def _thin(run, values):
     return run.times[::step], values[::step]
 
 
+def _agent_line(axes, run, values, i):
+    """Draw what belongs to an agent, with its colour, dashes and markers."""
+    times, values = _thin(run, values)
+    axes.plot(times, values, **style.agent(i), label=f'agent {i}', markersize=4,
+              markeredgewidth=0.0, markevery=style.marks(i - 1, len(times)))
+
+
 def _legend(axes, count):
-    if count <= 12:
-        axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), handlelength=1.2,
-                    labelspacing=0.5)
+    if count <= 24:
+        axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), labelspacing=0.4,
+                    ncols=1 if count <= 12 else 2)
 
 
 def _sphere(run):
     figure = Figure(figsize=(5.4, 5.4))
-    drawing.draw(figure.add_axes((0.0, 0.0, 1.0, 1.0)), run.times, run.gamma, run.edges,
-                 trail=drawing.trail_time(run.times, run.gamma))
+    drawing.draw(figure.add_axes((0.0, 0.0, 1.0, 1.0)), run.times, run.gamma, run.edges)
     return figure
 
 
@@ -109,8 +114,7 @@ def _components(run):
     figure, rows = _axes(3, (8.0, 6.4))
     for component, axes in enumerate(rows):
         for i in range(1, run.n + 1):
-            axes.plot(*_thin(run, run.gamma[:, i - 1, component]), color=colors.agent(i),
-                      linewidth=1.4, label=f'agent {i}')
+            _agent_line(axes, run, run.gamma[:, i - 1, component], i)
         axes.set_ylim(-1.08, 1.08)
         axes.set_ylabel(rf'$[\Gamma_i]_{component + 1}$')
     _legend(rows[1], run.n)
@@ -122,16 +126,16 @@ def _cosines(run):
     figure, axes = _axes()
     pairs = measures.pairs(run.n)
     for index, (i, j) in enumerate(pairs):
-        axes.plot(*_thin(run, run.cosines[:, index]), color=colors.pair(index), linewidth=1.4,
-                  linestyle=('-', '--', ':', '-.')[index // len(colors.AGENTS) % 4],
+        axes.plot(*_thin(run, run.cosines[:, index]), **style.pair(index),
                   label=rf'$\theta_{{{i}{j}}}$' if run.n < 10 else f'{i}, {j}')
     if run.shape is not None:
         targets = np.unique(np.round(np.cos(run.shape.angles), 9))
         for target in targets:
-            axes.axhline(target, color=colors.INK, linestyle=(0, (4, 3)), linewidth=1.0, zorder=1)
+            axes.axhline(target, color=colors.INK, linewidth=0.5, zorder=1)
             fraction = Fraction(float(target)).limit_denominator(12)
-            axes.annotate(f'target ${fraction}$', (run.times[-1], target), (0, 4),
-                          textcoords='offset points', ha='right', fontsize=9)
+            name = f'${fraction}$' if abs(fraction - target) < 1e-6 else f'${target:.4f}$'
+            axes.annotate(f'target {name}', (run.times[-1], target), (0, 4),
+                          textcoords='offset points', ha='right', fontsize=8)
     axes.set(ylim=(-1.08, 1.08), xlabel='time [s]', ylabel=r'$\cos\,\theta_{ij}$')
     _legend(axes, len(pairs))
     return figure
@@ -139,17 +143,20 @@ def _cosines(run):
 
 def _error(run):
     figure, axes = _axes()
-    times, error = _thin(run, np.maximum(run.error, FLOOR))
-    axes.semilogy(times, error, color=colors.AGENTS[0], linewidth=1.8, label='measured')
     if run.predicted_rate is not None and (anchor := _anchor(run)) is not None:
         rate, (since, size) = run.predicted_rate, anchor
         length = min(run.times[-1] - since, np.log(size / max(np.min(run.error), 1e-15)) / rate)
-        axes.semilogy([since, since + length], [2.0 * size, 2.0 * size * np.exp(-rate * length)],
-                      color=colors.AGENTS[1], linestyle=(0, (4, 3)), linewidth=1.6,
-                      label=f'predicted slope, ${-rate:.4g}$ 1/s')
+        axes.semilogy([since, since + length], [size, size * np.exp(-rate * length)],
+                      **style.PREDICTION, label=f'predicted slope, ${-rate:.4g}$ 1/s')
+    times, error = _thin(run, np.maximum(run.error, FLOOR))
+    axes.semilogy(times, error, color=colors.INK, linewidth=1.4, label='measured')
+    floor = run.theory.floor
+    if floor is not None and floor > 1e-9:
+        axes.axhline(floor, color=colors.AGENTS[1], linestyle=(0, (4, 3)), linewidth=1.0,
+                     label=f'left by sampling at {1.0 / run.theory.h:.4g} Hz: {floor:.3g} rad')
     goal = f'from the {run.shape.name}' if run.shape is not None else 'from the last shape'
     axes.set(xlabel='time [s]', ylabel='error [rad]')
-    axes.set_title(f'largest deviation of a pairwise angle {goal}', loc='left', fontsize=10)
+    axes.set_title(f'largest deviation of a pairwise angle {goal}', loc='left')
     axes.legend(loc='upper right')
     return figure
 
@@ -162,61 +169,71 @@ def _anchor(run):
 
 
 def _rates(run):
+    if not run.recording.commands:
+        return None
     figure, axes = _axes()
     speeds = np.linalg.norm(run.recording.body_rates, axis=-1)
-    for i in range(1, run.n + 1):
-        axes.plot(*_thin(run, speeds[:, i - 1]), color=colors.agent(i), linewidth=1.4,
-                  label=f'agent {i}')
-    if not run.recording.commands:
-        _say(axes, 'no commands were recorded')
+    for i in sorted(run.recording.commands):
+        _agent_line(axes, run, speeds[:, i - 1], i)
     axes.set(xlabel='time [s]', ylabel=r'commanded rate $|\omega_i|$ [rad/s]')
     axes.set_ylim(bottom=0.0)
     _legend(axes, run.n)
     return figure
 
 
-def _say(axes, text):
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha='center', color=colors.MUTED)
-
-
 def _timing(run):
-    figure = Figure(figsize=(8.0, 6.4), layout='constrained')
-    top, middle, bottom = figure.subplots(3, 1)
+    """Return panels for what there is: periods, their jitter, and the age of commands."""
     periods = np.diff(run.recording.stamps) / 1e6
-    step = -(-len(periods) // (4 * POINTS))
-    typical = float(np.median(periods)) if len(periods) else 0.0
-    top.plot(run.times[1:][::step], periods[::step], '.', color=colors.AGENTS[0], markersize=2.5)
-    top.set(xlabel='time [s]', ylabel='period [ms]')
-    top.set_title(f'period of the state: median {typical:.4g} ms', loc='left', fontsize=10)
-    top.set_ylim(bottom=0.0)
+    if not len(periods):
+        return None
+    typical = float(np.median(periods))
     jitter = np.abs(periods - typical)
-    middle.set(xlabel='jitter, |period - median| [ms]', ylabel='share of periods above')
+    ages = {}
+    for i in sorted(run.recording.commands):
+        age = 1e3 * run.recording.ages(i)
+        if np.any(np.isfinite(age)):
+            ages[i] = np.sort(age[np.isfinite(age)])
+    panels = [lambda axes: _periods(axes, run, periods, typical)]
     if np.any(jitter > 1e-9):
-        ordered = np.sort(np.maximum(jitter, 1e-3))
-        share = 1.0 - np.arange(len(ordered)) / len(ordered)
-        step = -(-len(ordered) // POINTS)
-        middle.loglog(ordered[::step], share[::step], color=colors.AGENTS[0], linewidth=1.6)
-        worst = float(np.percentile(jitter, 99.0))
-        middle.set_title(f'jitter: 99 % below {worst:.3g} ms', loc='left', fontsize=10)
-    else:
-        _say(middle, 'none: every period is the same to the nanosecond')
-    ages = {i: 1e3 * run.recording.ages(i) for i in sorted(run.recording.commands)}
-    for i, age in ages.items():
-        ordered = np.sort(age[np.isfinite(age)])
-        if not len(ordered):
-            continue
+        panels.append(lambda axes: _jitter(axes, jitter))
+    if ages:
+        panels.append(lambda axes: _ages(axes, run, ages))
+    figure = Figure(figsize=(8.0, 0.6 + 2.0 * len(panels)), layout='constrained')
+    for axes, panel in zip(np.atleast_1d(figure.subplots(len(panels), 1)), panels, strict=True):
+        panel(axes)
+    return figure
+
+
+def _periods(axes, run, periods, typical):
+    step = -(-len(periods) // (4 * POINTS))
+    axes.plot(run.times[1:][::step], periods[::step], '.', color=colors.INK, markersize=2.5)
+    axes.set(xlabel='time [s]', ylabel='period [ms]')
+    same = ', every one the same to the nanosecond' if not np.ptp(periods) else ''
+    axes.set_title(f'period of the state: median {typical:.4g} ms{same}', loc='left')
+    axes.set_ylim(bottom=0.0)
+
+
+def _jitter(axes, jitter):
+    ordered = np.sort(np.maximum(jitter, 1e-3))
+    share = 1.0 - np.arange(len(ordered)) / len(ordered)
+    step = -(-len(ordered) // POINTS)
+    axes.loglog(ordered[::step], share[::step], color=colors.INK, linewidth=1.4)
+    axes.set(xlabel='jitter, |period - median| [ms]', ylabel='share of periods above')
+    axes.set_title(f'jitter: 99 % below {float(np.percentile(jitter, 99.0)):.3g} ms', loc='left')
+
+
+def _ages(axes, run, ages):
+    for i, ordered in ages.items():
         share = np.arange(1, len(ordered) + 1) / len(ordered)
         keep = np.unique(np.linspace(0, len(ordered) - 1, POINTS).astype(int))
-        bottom.step(np.concatenate([ordered[:1], ordered[keep]]),
-                    np.concatenate([[0.0], share[keep]]), where='post', color=colors.agent(i),
-                    linewidth=1.6, label=f'agent {i}')
-    if not ages:
-        _say(bottom, 'no commands were recorded')
-    bottom.set(xlabel='age of the newest command when the next state came [ms]',
-               ylabel='share below', ylim=(-0.03, 1.03))
-    bottom.set_xlim(left=0.0)
-    _legend(bottom, run.n if ages else 99)
-    return figure
+        axes.step(np.concatenate([ordered[:1], ordered[keep]]),
+                  np.concatenate([[0.0], share[keep]]), where='post', label=f'agent {i}',
+                  **style.agent(i), markersize=4, markeredgewidth=0.0,
+                  markevery=style.marks(i - 1, len(keep) + 1, 3))
+    axes.set(xlabel='age of the newest command when the next state came [ms]',
+             ylabel='share below', ylim=(-0.03, 1.03))
+    axes.set_xlim(left=0.0)
+    _legend(axes, run.n)
 
 
 _FIGURES = {'sphere': _sphere, 'components': _components, 'cosines': _cosines, 'error': _error,

@@ -60,6 +60,8 @@ class Recording:
     :param commands: a :class:`Commands` for each agent, from 1, whose commands were recorded
     :param dropped: how many states were not used: repeated, older than one before, or not unit
         vectors
+    :param repeated: how many of these say again what the one before said, as a plant does that
+        waits or is paused
     """
 
     path: Path
@@ -71,6 +73,12 @@ class Recording:
     edges: tuple
     commands: dict
     dropped: int
+    repeated: int = 0
+
+    @property
+    def unused(self):
+        """Return how many states that say something of their own were not used."""
+        return self.dropped - self.repeated
 
     @property
     def n(self):
@@ -271,7 +279,7 @@ def _assemble(path, namespace, edges, collected):
         path=path, namespace=namespace, arrived=arrived[kept], stamps=stamps[kept],
         gamma=poses[kept, :, :3], attitudes=poses[kept, :, 3:],
         edges=tuple((i, j) for i, j in edges if max(i, j) <= n), commands=commands,
-        dropped=len(messages) - len(kept))
+        dropped=len(messages) - len(kept), repeated=int(np.count_nonzero(np.diff(stamps) == 0)))
 
 
 def _agents_in(messages):
