@@ -22,7 +22,7 @@ from tetra_ros2.formation import measures, rotation, shapes, simulation
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.ros.executor import SPIN_PERIOD
 
-HERE = Path(__file__).parents[1]
+EXAMPLES = Path(__file__).parents[2] / 'examples'
 
 
 def expected_attitudes(config, seed, steps):
@@ -177,7 +177,7 @@ def test_nothing_in_the_process_of_an_agent_knows_attitudes_or_shapes():
 
 
 def test_an_agent_by_somebody_else_takes_the_place_of_agent_3(processes):
-    processes.python(HERE / 'foreign_agent.py')
+    processes.python(EXAMPLES / 'own_agent.py')
     with Launcher('rotating', without=['agent_3']) as formation:
         formation.run_for(20.0)
         summary = formation.summary()
@@ -186,7 +186,7 @@ def test_an_agent_by_somebody_else_takes_the_place_of_agent_3(processes):
 
 
 def test_a_plant_by_somebody_else_does_as_well(processes):
-    processes.python(HERE / 'foreign_plant.py')
+    processes.python(EXAMPLES / 'own_plant.py')
     with Launcher('complete', without=['plant'], parameters={'gain.a': 4.0}) as formation:
         formation.run_for(5.0)
         summary = formation.summary()

@@ -260,7 +260,7 @@ def test_it_copes_with_a_plant_that_goes_and_another_that_comes(visit, processes
 
 
 def test_somebody_elses_plant_without_agents_parameters_is_shown(visit, processes, port):
-    processes.python(Path(__file__).parents[1] / 'foreign_plant.py')
+    processes.python(Path(__file__).parents[2] / 'examples' / 'own_plant.py')
     processes.tetra('viewer', '--port', port)
     wait_for_server(port)
     page = visit(port)

@@ -27,7 +27,7 @@ def angular_velocity(pointing: ArrayLike, seen: ArrayLike, weights: Array,
     :returns: angular velocities [rad/s], ``(..., n, 3)``, in the frame of the arguments
     """
     pointing, seen = np.asarray(pointing)[..., None, :], np.asarray(seen)
-    cross = np.cross(pointing, seen)
+    cross = sphere.cross(pointing, seen)
     theta = np.arctan2(np.linalg.norm(cross, axis=-1), np.sum(pointing * seen, axis=-1))
     result: Array = -np.sum((weights * gain.f(theta))[..., None] * cross, axis=-2)
     return result

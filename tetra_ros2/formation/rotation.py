@@ -20,8 +20,8 @@ IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 def multiply(p: ArrayLike, q: ArrayLike) -> Array:
     """Return the products of quaternions, ``(..., 4)``."""
     p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
-    px, py, pz, pw = np.moveaxis(p, -1, 0)
-    qx, qy, qz, qw = np.moveaxis(q, -1, 0)
+    px, py, pz, pw = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
+    qx, qy, qz, qw = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     return np.stack([
         pw * qx + px * qw + py * qz - pz * qy,
         pw * qy - px * qz + py * qw + pz * qx,
@@ -44,8 +44,8 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     :returns: vectors, ``(..., 3)``
     """
     q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
-    t = 2.0 * np.cross(q[..., :3], v)
-    return v + q[..., 3:] * t + np.cross(q[..., :3], t)
+    t = 2.0 * sphere.cross(q[..., :3], v)
+    return v + q[..., 3:] * t + sphere.cross(q[..., :3], t)
 
 
 def exp(w: ArrayLike) -> Array:

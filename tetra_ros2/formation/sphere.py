@@ -24,6 +24,18 @@ def hat(x: ArrayLike) -> Array:
     return matrix
 
 
+def cross(x: Array, y: Array) -> Array:
+    """
+    Return the cross products, ``(..., 3)``: what ``numpy.cross`` does, several times as fast.
+
+    :param x: vectors, ``(..., 3)``
+    :param y: vectors, ``(..., 3)``, broadcast against ``x``
+    """
+    a, b, c = x[..., 0], x[..., 1], x[..., 2]
+    u, v, w = y[..., 0], y[..., 1], y[..., 2]
+    return np.stack([b * w - c * v, c * u - a * w, a * v - b * u], axis=-1)
+
+
 def geodesic_distance(x: ArrayLike, y: ArrayLike) -> Array:
     """
     Return the angle between unit vectors [rad], in [0, pi].

@@ -2,10 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-An agent by somebody else, who has read nothing but the contract.
+Write an agent of your own, on plain rclpy: nothing of ``tetra_ros2`` is imported here.
 
-Plain rclpy: message objects, the default executor, numpy. It answers with the newest it has
-whenever the newest measurements are all of one time.
+It takes the place of agent 3 of the rotating formation. Start it, and then the others::
+
+    python examples/own_agent.py &
+    tetra launcher --config rotating --without agent_3
+
+All that it relies on is the interface: the topics, their types, their frames and stamps. It
+answers when the newest measurements of all its neighbours are of one time.
 """
 
 from contextlib import suppress
@@ -18,7 +23,15 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 
-class ForeignAgent(Node):
+class OwnAgent(Node):
+    """
+    The control law for one agent.
+
+    :param i: which agent, from 1
+    :param neighbors: the weight W(i, j) for each agent j that it sees
+    :param axis: its pointing axis b_i in its own body frame, a unit vector
+    """
+
     def __init__(self, i, neighbors, axis):
         super().__init__('attitude_controller')
         self.frame, self.neighbors, self.axis = f'agent_{i}', neighbors, np.array(axis)
@@ -30,25 +43,28 @@ class ForeignAgent(Node):
                 lambda message, j=j: self.on_measurement(j, message), 1)
 
     def on_measurement(self, j, message):
+        """Take y_ij, the direction in which agent j points, seen from agent i's body."""
         self.seen[j] = message
         stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in self.seen.values()}
         if len(self.seen) < len(self.neighbors) or len(stamps) > 1:
             return
-        command = TwistStamped()
-        command.header.stamp = message.header.stamp
-        command.header.frame_id = self.frame
+        # w_i = -sum_j W(i, j) f(theta_ij) b_i x y_ij, with the gain f = 1 + cos(theta).
         rate = np.zeros(3)
         for j, weight in self.neighbors.items():
             y = np.array([self.seen[j].vector.x, self.seen[j].vector.y, self.seen[j].vector.z])
             rate -= weight * (1.0 + self.axis @ y) * np.cross(self.axis, y)
+        command = TwistStamped()
+        command.header.stamp = message.header.stamp  # that of the measurements it answers
+        command.header.frame_id = self.frame
         command.twist.angular.x, command.twist.angular.y, command.twist.angular.z = rate.tolist()
         self.publisher.publish(command)
 
 
 def main():
+    """Run the agent until it is signalled."""
     rclpy.init()
     # Agent 3 of the rotating graph with k = 1, p = 1: it sees agents 1 and 4.
-    node = ForeignAgent(3, {1: 0.5, 4: 1.0}, [1.0, 0.0, 0.0])
+    node = OwnAgent(3, {1: 0.5, 4: 1.0}, [1.0, 0.0, 0.0])
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
 

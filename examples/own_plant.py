@@ -2,9 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A plant by somebody else, who has read nothing but the contract.
+Write a plant of your own, on plain rclpy: nothing of ``tetra_ros2`` is imported here.
 
-Plain rclpy, a timer, rotation matrices, and the complete graph of four.
+It stands for a simulator, or for the drivers of real bodies, in real time, with the complete graph
+of four agents. Start it, and then the agents::
+
+    python examples/own_plant.py &
+    tetra launcher --config complete --without plant
+
+It sends every agent what that agent sees of each neighbour, takes the angular velocities that the
+agents command, and publishes the attitudes for those who watch.
 """
 
 from contextlib import suppress
@@ -20,7 +27,7 @@ PERIOD = 0.01
 
 
 def turn(w):
-    """Rodrigues' formula."""
+    """Return the rotation matrix of a rotation vector, by Rodrigues' formula."""
     angle = np.linalg.norm(w)
     if angle == 0.0:
         return np.eye(3)
@@ -29,7 +36,9 @@ def turn(w):
     return np.eye(3) + np.sin(angle) * hat + (1.0 - np.cos(angle)) * hat @ hat
 
 
-class ForeignPlant(Node):
+class OwnPlant(Node):
+    """Four rigid bodies that turn at the commanded rates."""
+
     def __init__(self):
         super().__init__('spacecraft_simulator')
         rng = np.random.default_rng(20)
@@ -45,10 +54,12 @@ class ForeignPlant(Node):
         self.create_timer(PERIOD, self.step)
 
     def on_command(self, i, message):
+        """Take the angular velocity of body i in its own frame [rad/s]."""
         w = message.twist.angular
         self.rates[i - 1] = np.array([w.x, w.y, w.z])
 
     def step(self):
+        """Turn all bodies for one period, and say where they are and what they see."""
         self.attitudes = [attitude @ turn(PERIOD * w)
                           for attitude, w in zip(self.attitudes, self.rates, strict=True)]
         now = self.get_clock().now().to_msg()
@@ -57,7 +68,9 @@ class ForeignPlant(Node):
         for attitude in self.attitudes:
             pose = Pose()
             pose.position.x, pose.position.y, pose.position.z = attitude[:, 0].tolist()
-            state.poses.append(pose)  # whoever wants to know how it turns about its axis, asks
+            # The position is where the body points. The orientation, R_i, is left out here: only
+            # recordings and pictures use it.
+            state.poses.append(pose)
         self.state.publish(state)
         for (i, j), publisher in self.sensors.items():
             message = Vector3Stamped()
@@ -68,9 +81,10 @@ class ForeignPlant(Node):
 
 
 def main():
+    """Run the plant until it is signalled."""
     rclpy.init()
     with suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(ForeignPlant())
+        rclpy.spin(OwnPlant())
 
 
 if __name__ == '__main__':

@@ -1,0 +1,40 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Find the relative equilibria of a formation, and say which of them attract.
+
+Run it with ``python examples/equilibria.py``. It needs numpy and nothing else.
+"""
+
+import numpy as np
+
+from tetra_ros2.formation import complete, Cosine, Formation, rotating
+
+
+def show(name, formation):
+    """Print one line for each relative equilibrium."""
+    print(name)
+    for equilibrium in formation.equilibria(starts=400, seed=0):
+        growing, neutral, decaying = equilibrium.inertia
+        print(f'  {equilibrium.kind:<20} {equilibrium.stability:<9} '
+              f'spins at {equilibrium.spin_rate:.4f} rad/s; {growing} modes grow, '
+              f'{neutral} stay, {decaying} decay; from {equilibrium.found} starts')
+
+
+def main():
+    """Compare the paper's two graphs."""
+    show('complete graph', Formation(complete(), Cosine()))
+    spinning = Formation(rotating(), Cosine())
+    show('rotating graph', spinning)
+
+    # The spinning tetrahedron is the only one that attracts. The paper gives its spin.
+    tetrahedron, = [e for e in spinning.equilibria() if e.stability == 'stable']
+    theta = np.arccos(-1.0 / 3.0)
+    print(f'spin of the {tetrahedron.kind} {tetrahedron.spin_rate:.12f} rad/s')
+    print(f'sqrt(3)/2 f(theta*)      {np.sqrt(3.0) / 2.0 * spinning.gain.f(theta):.12f} rad/s')
+    print('its eigenvalues [1/s]', np.round(tetrahedron.eigenvalues, 4))
+
+
+if __name__ == '__main__':
+    main()
