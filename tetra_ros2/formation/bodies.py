@@ -62,6 +62,15 @@ class RigidBodies:
             self.attitudes[i] = (x, y, z, w)
             self._refresh(i, x, y, z, w)
 
+    def place(self, i: int, attitude: Quaternion) -> None:
+        """
+        Put body i, counted from 0, where it is found to be.
+
+        :param attitude: a unit quaternion x y z w, body to world
+        """
+        self.attitudes[i] = attitude
+        self._refresh(i, *attitude)
+
     def _refresh(self, i: int, x: float, y: float, z: float, w: float) -> None:
         """Recompute what follows from the attitude of body i, counted from 0."""
         x2, y2, z2 = x + x, y + y, z + z

@@ -25,6 +25,7 @@ _TYPES = {
 }
 _LISTS = {
     float: ParameterType.PARAMETER_DOUBLE_ARRAY,
+    int: ParameterType.PARAMETER_INTEGER_ARRAY,
     str: ParameterType.PARAMETER_STRING_ARRAY,
 }
 

@@ -18,6 +18,10 @@ COMMANDS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """The plant's side of the commands: a best-effort subscription takes either reliability."""
 
+SENSORS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Poses from elsewhere: ROS 2's sensor data, which takes either reliability and no backlog."""
+
 STATE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """What is there to be watched and recorded: all of it, even by one who is briefly busy."""

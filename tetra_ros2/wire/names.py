@@ -6,6 +6,7 @@
 PLANT = 'plant'
 MONITOR = 'monitor'
 RECORDER = 'recorder'
+SENSORS = 'sensors'
 VIEWER = 'viewer'
 
 ATTITUDES = 'formation/attitudes'
@@ -41,9 +42,30 @@ def cmd_vel(i):
     return f'agent_{i}/cmd_vel'
 
 
+def joint_states(i):
+    """Return the topic on which the plant tells the joints of body i, if it has any."""
+    return f'agent_{i}/joint_states'
+
+
+def body(i):
+    """Return the name of the node that drives the body of agent i."""
+    return f'body_{i}'
+
+
+def pose(i):
+    """Return the topic on which the driver of a body tells its attitude."""
+    return f'agent_{i}/pose'
+
+
+def stop(node):
+    """Return the service that stops the bodies of a node, and lets them go again."""
+    return f'{node}/stop'
+
+
 FORMATION_TOPICS = (
     r'agent_\d+/relative_attitude/agent_\d+',
     r'agent_\d+/cmd_vel',
+    r'agent_\d+/joint_states',
     ATTITUDES,
     COSINES,
     ERROR,

@@ -1,0 +1,117 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""An attitude that comes from elsewhere: what of it may be used, and for how long."""
+
+import math
+
+from tetra_ros2.formation._types import Quaternion, Vector
+from tetra_ros2.formation.checks import Rejected, UNIT_TOLERANCE
+
+JUMP = 'jump'
+"""Why a pose is rejected that the body could not have reached."""
+
+NOT_UNIT = 'not a unit quaternion'
+"""Why a pose is rejected whose quaternion has another length than 1."""
+
+WAITING = 'not seen yet'
+LOST = 'no recent pose'
+FROZEN = 'frozen'
+JUMPING = 'jumping'
+TRACKED = 'tracked'
+
+RATE_FLOOR = 1e-3
+"""Two poses count as at least this far apart in time [s], whatever their stamps say."""
+
+SLACK = 0.02
+"""What a pose may be off by itself, apart from the motion of the body [rad]."""
+
+
+class Tracker:
+    """
+    Follows the attitude of one body, by the poses that are told of it.
+
+    A pose is a jump if the body would have had to turn too fast to it from the one before. What
+    it has jumped to is believed when it has stayed there for as long as poses may be missing: then
+    it was the motion capture that had been wrong, or the body was carried about. A pose that stays
+    the same to the last bit is no measurement: if the body was told to turn meanwhile, it is
+    frozen. A body that was told nothing may well rest.
+
+    :param timeout: how old the last good pose may be [s]
+    :param max_rate: how fast the body can turn [rad/s]
+    :param frozen_angle: how far it may be told to turn while its pose stays the same [rad]; 0 for
+        as far as it likes
+    """
+
+    def __init__(self, timeout: float, max_rate: float, frozen_angle: float) -> None:
+        self.attitude: Quaternion | None = None
+        self.received = self.jumps = 0
+        self._timeout, self._max_rate, self._frozen_angle = timeout, max_rate, frozen_angle
+        self._stamp = 0
+        self._heard_at = -math.inf  # of the last good pose
+        self._told = 0.0  # how far it was told to turn since its pose last changed
+        self._raw: Quaternion | None = None
+        self._astray: Quaternion | None = None  # where it has jumped to
+        self._astray_stamp = 0
+        self._astray_since = math.inf
+
+    def receive(self, stamp: int, attitude: Quaternion, now: float) -> None:
+        """
+        Take a pose.
+
+        :param stamp: when it was measured [ns]
+        :param attitude: a quaternion x y z w, body to world
+        :param now: when it came, on a clock that never goes back [s]
+        :raises Rejected: if it is not finite, not a unit quaternion, not newer than the last one,
+            or a jump
+        """
+        x, y, z, w = attitude
+        square = x * x + y * y + z * z + w * w
+        if not math.isfinite(square):
+            raise Rejected(Rejected.NOT_FINITE)
+        if not (1.0 - UNIT_TOLERANCE) ** 2 <= square <= (1.0 + UNIT_TOLERANCE) ** 2:
+            raise Rejected(NOT_UNIT)
+        lost = now - self._heard_at > self._timeout
+        if stamp <= self._stamp and not (lost and stamp != self._stamp):
+            raise Rejected(Rejected.OLD_STAMP)
+        if attitude != self._raw:
+            self._told = 0.0
+            self._raw = attitude
+        scale = 1.0 / math.sqrt(square)
+        unit = (x * scale, y * scale, z * scale, w * scale)
+        if not lost and self.attitude is not None \
+                and not self._reachable(self.attitude, self._stamp, unit, stamp):
+            self._go_astray(unit, stamp, now)
+        self.attitude, self._stamp, self._heard_at = unit, stamp, now
+        self._astray, self._astray_since = None, math.inf
+        self.received += 1
+
+    def _reachable(self, before: Quaternion, then: int, after: Quaternion, stamp: int) -> bool:
+        elapsed = max((stamp - then) / 1e9, RATE_FLOOR)
+        cosine = abs(sum(a * b for a, b in zip(before, after)))
+        return 2.0 * math.acos(min(1.0, cosine)) <= self._max_rate * elapsed + SLACK
+
+    def _go_astray(self, unit: Quaternion, stamp: int, now: float) -> None:
+        """Refuse a jump, unless it has been the same story for long enough."""
+        if self._astray is None or not self._reachable(
+                self._astray, self._astray_stamp, unit, stamp):
+            self._astray_since = now
+        self._astray, self._astray_stamp = unit, stamp
+        if now - self._astray_since < self._timeout:
+            self.jumps += 1
+            raise Rejected(JUMP)
+
+    def told(self, rate: Vector, elapsed: float) -> None:
+        """Take note of what the body is told to do: an angular velocity [rad/s] for a time [s]."""
+        x, y, z = rate
+        self._told += elapsed * math.sqrt(x * x + y * y + z * z)
+
+    def state(self, now: float) -> str:
+        """Return TRACKED if the attitude may be used, or why not."""
+        if self.attitude is None:
+            return WAITING
+        if self._frozen_angle and self._told > self._frozen_angle:
+            return FROZEN
+        if now - self._heard_at > self._timeout:
+            return JUMPING if self._astray is not None else LOST
+        return TRACKED

@@ -1,0 +1,160 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Attitudes that come from elsewhere: motion capture, the drivers of bodies, TF."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+import time
+from typing import Any
+
+from geometry_msgs.msg import PoseArray, PoseStamped
+from rclpy.expand_topic_name import expand_topic_name
+from rclpy.serialization import deserialize_message
+
+from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.formation._types import Quaternion, Vector
+from tetra_ros2.formation.checks import Rejected
+from tetra_ros2.formation.tracking import TRACKED, Tracker, WAITING
+from tetra_ros2.ros import qos
+from tetra_ros2.ros.node import FormationNode
+from tetra_ros2.wire import names
+
+LOOK = 1.0
+"""How long to look for who publishes poses, and of which type, before listening [s]."""
+
+TRANSFORMS = '/tf'
+
+
+class Poses:
+    """
+    Listens to the poses of some bodies, and says what is known of their attitudes.
+
+    Motion capture publishes with best effort, drivers reliably: a best-effort subscription takes
+    both.
+
+    :param node: the node that listens; what it counts as rejected is told in its diagnostics
+    :param values: its parameters, with those of POSES
+    :param bodies: the agents, from 1, whose bodies these are
+    :param n: the number of agents
+    :raises ConfigurationError: if somebody publishes something else there
+    """
+
+    def __init__(self, node: FormationNode, values: Mapping[str, Any], bodies: Collection[int],
+                 n: int) -> None:
+        self._node = node
+        self._names = list(values['poses.names']) or [names.agent(i) for i in range(1, n + 1)]
+        self._frame = values['poses.frame'] or None
+        self._now: Callable[[], float] = time.monotonic
+        self.trackers = {i - 1: Tracker(values['poses.timeout'], values['poses.max_rate'],
+                                        values['poses.frozen_angle']) for i in sorted(bodies)}
+        source, topic = values['poses.source'], values['poses.topic']
+        if source == 'tf':
+            self._listen_to_transforms()
+            return
+        if source == 'array':
+            topics = {topic: self._on_array}
+            kind: type = PoseArray
+        else:
+            topics = {topic.format(i=i + 1, name=self._names[i]): self._receiver(i)
+                      for i in self.trackers}
+            kind = PoseStamped
+        self._refuse_other_types(topics, kind)
+        for name, callback in topics.items():
+            node.listen(kind, name, callback, qos.SENSORS)
+
+    def _refuse_other_types(self, topics: Collection[str], kind: type) -> None:
+        wanted = f'geometry_msgs/msg/{kind.__name__}'
+        full = [expand_topic_name(name, self._node.get_name(), self._node.get_namespace())
+                for name in topics]
+        deadline = time.monotonic() + LOOK
+        while True:
+            found = dict(self._node.get_topic_names_and_types())
+            for name in full:
+                others = [t for t in found.get(name, ()) if t != wanted]
+                if others:
+                    raise ConfigurationError(
+                        f'{name} is of type {others[0]}, expected {wanted}', key='poses.topic')
+            if all(name in found for name in full) or time.monotonic() > deadline:
+                return
+            time.sleep(0.05)  # the middleware learns of others in a thread of its own
+
+    def _listen_to_transforms(self) -> None:
+        try:
+            from tf2_msgs.msg import TFMessage  # not among the wheels: only a whole ROS 2 has it
+        except ImportError:
+            raise ConfigurationError(
+                "'tf' needs tf2_msgs, which a whole ROS 2 has: apt install ros-jazzy-tf2-msgs",
+                key='poses.source') from None
+
+        def on_message(data: bytes) -> None:
+            self.on_transforms(deserialize_message(data, TFMessage))
+
+        self._frame = self._frame or names.WORLD
+        self._node.listen(TFMessage, TRANSFORMS, on_message, qos.SENSORS)
+
+    def _receiver(self, i: int) -> Callable[[bytes], None]:
+        def on_pose(data: bytes) -> None:
+            try:
+                message = deserialize_message(data, PoseStamped)
+            except Exception:  # rclpy has no class of its own for bytes that are no such message
+                self._node.health.reject(Rejected(Rejected.MALFORMED), self._names[i])
+                return
+            self._take(i, message.header, message.pose.orientation)
+        return on_pose
+
+    def _on_array(self, data: bytes) -> None:
+        try:
+            message = deserialize_message(data, PoseArray)
+            if len(message.poses) < len(self._names):
+                raise ValueError
+        except Exception:  # as above
+            self._node.health.reject(Rejected(Rejected.MALFORMED), 'poses')
+            return
+        for i in self.trackers:
+            self._take(i, message.header, message.poses[i].orientation)
+
+    def on_transforms(self, message: Any) -> None:
+        """Take what a tf2_msgs/TFMessage says of the bodies."""
+        for transform in message.transforms:
+            name = transform.child_frame_id
+            if name in self._names and (i := self._names.index(name)) in self.trackers:
+                self._take(i, transform.header, transform.transform.rotation)
+
+    def _take(self, i: int, header: Any, q: Any) -> None:
+        try:
+            if self._frame is None:
+                self._frame = header.frame_id
+            if header.frame_id != self._frame:
+                raise Rejected(Rejected.WRONG_FRAME)
+            stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+            self.trackers[i].receive(stamp, (q.x, q.y, q.z, q.w), self._now())
+        except Rejected as rejection:
+            self._node.health.reject(rejection, f'pose of {self._names[i]}')
+
+    def told(self, rates: Sequence[Vector], elapsed: float) -> None:
+        """Take note of what all bodies are told to do, for a time [s]."""
+        for i, tracker in self.trackers.items():
+            tracker.told(rates[i], elapsed)
+
+    def attitudes(self) -> dict[int, Quaternion]:
+        """Return the attitudes that may be used, by index."""
+        now = self._now()
+        return {i: tracker.attitude for i, tracker in self.trackers.items()
+                if tracker.attitude is not None and tracker.state(now) == TRACKED}
+
+    def assess(self) -> tuple[str, dict[str, Any]]:
+        """Return what is wrong, or nothing, and figures for the diagnostics."""
+        now = self._now()
+        problems, values = [], {}
+        for i, tracker in self.trackers.items():
+            state = tracker.state(now)
+            values[f'poses of {names.agent(i + 1)}'] = tracker.received
+            values[f'jumps of {names.agent(i + 1)}'] = tracker.jumps
+            if state != TRACKED:
+                problems.append(f'{names.agent(i + 1)}: {state}')
+        return ', '.join(problems), values
+
+    @property
+    def waiting(self) -> bool:
+        """Return whether a body has not been seen at all yet."""
+        return any(t.state(self._now()) == WAITING for t in self.trackers.values())
