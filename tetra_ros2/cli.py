@@ -94,6 +94,8 @@ def main(argv=None):
 
 _INSTALL = {
     'matplotlib': "pictures need it: pip install 'tetra_ros2[plot]'",
+    'dynamixel_sdk': "serial servos need it: pip install 'tetra_ros2[serial]'",
+    'mujoco': "bodies with mass need it: pip install 'tetra_ros2[physics]'",
     'rclpy': "source a ROS 2 installation, or without one: pip install 'tetra_ros2[ros]'",
     'diagnostic_msgs': "source a ROS 2 installation; without one: pip install 'tetra_ros2[ros]'",
     'rosbags': 'recordings need it: pip install rosbags',

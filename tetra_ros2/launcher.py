@@ -24,6 +24,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from tetra_ros2.config import configuration
+from tetra_ros2.config.bodies import check_bodies
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, PARAMETERS
 from tetra_ros2.formation import Formation
 from tetra_ros2.formation._types import Array
@@ -66,6 +67,8 @@ class Launcher:
     :param config: a path, or the name of a configuration that ships
     :param seed: of the random initial attitudes, instead of the configuration's
     :param mode: ``lockstep`` or ``realtime``, instead of the configuration's
+    :param body: ``kinematic``, ``wheels``, ``gimbal`` or an MJCF file, instead of the
+        configuration's
     :param namespace: namespace of all nodes
     :param record: directory to record into, which must not exist; None for no recording
     :param storage: storage format of the recording, ``mcap`` or ``sqlite3``
@@ -79,8 +82,9 @@ class Launcher:
     """
 
     def __init__(self, config: str | Path = 'complete', *, seed: int | None = None,
-                 mode: str | None = None, namespace: str = '', record: str | Path | None = None,
-                 storage: str = 'mcap', parameters: Mapping[str, Any] | None = None,
+                 mode: str | None = None, body: str | None = None, namespace: str = '',
+                 record: str | Path | None = None, storage: str = 'mcap',
+                 parameters: Mapping[str, Any] | None = None,
                  without: Iterable[str] = (),
                  view: tuple[str, int] | tuple[str, int, bool] | None = None,
                  ros_arguments: Sequence[str] = ()) -> None:
@@ -90,6 +94,8 @@ class Launcher:
             self._given['plant:seed'] = seed
         if mode is not None:
             self._given['plant:mode'] = mode
+        if body is not None:
+            self._given['plant:body'] = body
         if record is not None:
             configuration.check_new(record)
             self._given['recorder:output'] = str(record)
@@ -99,6 +105,8 @@ class Launcher:
         configuration.check_ros_arguments(ros_arguments, PARAMETERS)
         for kind in PARAMETERS:
             check_parameters(kind, self._overrides(kind))
+        if names.PLANT not in without:
+            check_bodies({**self._file.values('plant'), **self._overrides('plant')})
         self._without = set(without)
         self._recording = record is not None
         self._view = view

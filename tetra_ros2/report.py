@@ -49,7 +49,7 @@ def main(arguments, config, ros_arguments):
             f'{duration!r} is not valid, expected a time greater than 0',
             key='--duration')
     launcher = Launcher(
-        config, seed=arguments.seed, mode=arguments.mode,
+        config, seed=arguments.seed, mode=arguments.mode, body=arguments.body,
         namespace=arguments.namespace, record=arguments.record, storage=arguments.storage,
         without=arguments.without,
         view=(arguments.host, arguments.port, arguments.read_only) if arguments.view else None,

@@ -14,7 +14,7 @@ from tetra_ros2.formation import topology as topologies
 mujoco = pytest.importorskip('mujoco')
 
 from tetra_ros2.physics import models  # noqa: E402
-from tetra_ros2.physics.bodies import can_point, make_bodies  # noqa: E402
+from tetra_ros2.physics.bodies import make_bodies  # noqa: E402
 from tetra_ros2.physics.settings import (  # noqa: E402
     BodyError,
     Gimbal,
@@ -108,16 +108,17 @@ def test_wheels_turn_as_the_theory_of_the_rate_loop_has_it():
 @pytest.mark.parametrize('body', ['wheels', 'gimbal'])
 def test_a_rotating_formation_spins_as_predicted(body):
     topology = topologies.rotating()
-    loop, bodies = formation(Physics(body), topology, pointing_up_to(1.0, 5))
+    loop, bodies = formation(
+        Physics(body, rate=500.0, loop=RateLoop(20.0)), topology, pointing_up_to(1.0, 5))
     loop.advance(0.02, 750)
     before = np.array(bodies.reduced)
     loop.advance(0.02, 50)
     spin = measures.mean_angular_velocity(before, np.array(bodies.reduced), 1.0)
     predicted = rate_loop.rate_loop_equilibrium(
         shapes.TETRAHEDRON.points, topology.weights, gain.Cosine(), 20.0, h=0.02)
-    assert np.linalg.norm(spin) == pytest.approx(np.linalg.norm(predicted.spin), rel=3e-3)
+    assert np.linalg.norm(spin) == pytest.approx(np.linalg.norm(predicted.spin), rel=1e-3)
     shift = np.max(np.abs(measures.pairwise_angles(predicted.gamma) - THETA))
-    assert error(bodies) == pytest.approx(shift, abs=3e-3)
+    assert error(bodies) == pytest.approx(shift, rel=0.1)
 
 
 @pytest.mark.parametrize('body', ['wheels', 'gimbal'])
@@ -175,7 +176,7 @@ def test_a_disturbance_fills_the_wheels_when_it_is_said_to():
 
 
 def test_a_spin_uses_up_no_momentum():
-    loop, bodies = formation(Physics('wheels', rate=500.0), topologies.rotating(),
+    loop, bodies = formation(Physics('wheels', rate=200.0), topologies.rotating(),
                              random_attitudes(9))
     loop.advance(0.02, 500)
     early = max(abs(v) for i in range(4) for v in bodies.joints(i).velocities)
@@ -214,7 +215,8 @@ def test_limits_that_exclude_the_start_are_refused():
     with pytest.raises(BodyError, match=r'agent 1 starts along .* exclude') as caught:
         make_bodies([up], AXES[:1], physics)
     assert caught.value.key == 'gimbal.tilt_limits'
-    assert can_point([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]], physics).tolist() == [False, True]
+    level = [0.0, 0.0, 0.0, 1.0]
+    assert physics.can_point([up, level], AXES[:2]).tolist() == [False, True]
 
 
 def test_any_axis_of_the_body_may_point_and_the_base_may_be_mounted_anyhow():
@@ -228,9 +230,9 @@ def test_any_axis_of_the_body_may_point_and_the_base_may_be_mounted_anyhow():
     assert np.allclose(bodies.reduced, rotation.rotate(attitudes, axes), atol=1e-12)
     before = np.array(bodies.reduced)
     command = np.cross(axes, rng.standard_normal((3, 3)))
-    bodies.step(0.5, command)
-    start = np.array(bodies.attitudes)
-    bodies.step(1e-3, command)
+    for _ in range(100):
+        start = np.array(bodies.attitudes)
+        bodies.step(1e-3, command)
     velocity = (np.array(bodies.reduced) - rotation.rotate(start, axes)) / 1e-3
     assert np.max(np.abs(np.array(bodies.reduced) - before)) > 0.05
     told = rotation.rotate(start, np.cross(command, axes))
@@ -331,5 +333,5 @@ def test_wheels_without_inertia_and_impossible_boxes_are_refused():
 
 
 def test_a_rate_loop_too_fast_for_the_physics_is_refused():
-    with pytest.raises(BodyError, match=r'twice physics\.rate'):
-        make_bodies(random_attitudes(), AXES, Physics('wheels', loop=RateLoop(500.0), rate=200.0))
+    with pytest.raises(BodyError, match=r'twice physics_rate'):
+        Physics('wheels', loop=RateLoop(500.0), rate=200.0)

@@ -15,6 +15,9 @@ def add_arguments(parser):
     parser.add_argument(
         '--mode', choices=('lockstep', 'realtime'), help='how time passes (default: as in FILE)')
     parser.add_argument(
+        '--body', metavar='BODY', help='what turns: kinematic, wheels, gimbal, or an MJCF file '
+        '(default: as in FILE)')
+    parser.add_argument(
         '--seed', type=int, metavar='N', help='of the initial attitudes (default: as in FILE)')
     parser.add_argument(
         '--record', metavar='DIR', help='record into this directory, which must not exist')

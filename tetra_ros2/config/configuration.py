@@ -389,9 +389,11 @@ def _kinds(pattern: str) -> tuple[str, ...]:
         return tuple(PARAMETERS)
     if re.fullmatch(r'agent_\d+', name):
         return ('agent',)
-    if name in ('plant', 'monitor', 'recorder'):
+    if re.fullmatch(r'body_\d+', name):
+        return ('body',)
+    if name in ('plant', 'monitor', 'recorder', 'sensors'):
         return (name,)
-    if hint := nearest(name, ('agent_1', 'plant', 'monitor', 'recorder')):
+    if hint := nearest(name, ('agent_1', 'plant', 'monitor', 'recorder', 'sensors', 'body_1')):
         raise ConfigurationError(f'there is no such node{hint}', key=pattern[1:])
     return ()
 

@@ -78,7 +78,8 @@ class Parameter:
             return 'one of ' + ', '.join(self.choices) + (
                 f', or {self.pattern_name}' if self.pattern else '')
         if self.items:
-            return 'a list of ' + {float: 'finite numbers', str: 'strings'}[self.items]
+            items = {float: 'finite numbers', int: 'integers', str: 'strings'}
+            return f'a list of {items[self.items]}'
         kind = {int: 'an integer', float: 'a number', str: 'a string', bool: 'true or false'}
         text = kind[type(self.default)]
         if self.minimum is not None and self.maximum is not None:
@@ -198,6 +199,86 @@ AGENT = FORMATION + (
         'agent [s].', minimum=1e-3, maximum=math.inf, dynamic=True),
 )
 
+POSES = (
+    Parameter(
+        'poses.source', 'pose', 'Where poses come from: a PoseStamped a body, one PoseArray of '
+        'all, or TF.', choices=('pose', 'array', 'tf')),
+    Parameter(
+        'poses.topic', 'agent_{i}/pose', 'Topic of the poses; {i} stands for the number of the '
+        'agent, {name} for the name of its body. For array the one topic; for tf not used.'),
+    Parameter(
+        'poses.names', (), 'Names of the bodies, one for each agent; empty for agent_1, '
+        'agent_2 ... For tf the child frames.', items=str),
+    Parameter(
+        'poses.frame', '', 'Frame that all poses must be in; empty for any. For tf the parent, '
+        'world if empty.'),
+    Parameter(
+        'poses.timeout', 0.2, 'A body whose last pose is older than this is lost [s].',
+        minimum=1e-3, maximum=60.0),
+    Parameter(
+        'poses.max_rate', 20.0, 'A pose that the body would have had to turn faster to reach '
+        'is a jump, and not used [rad/s].', minimum=1e-3, maximum=1e9),
+    Parameter(
+        'poses.frozen_angle', 0.1, 'A body told to turn this far while its pose stays the same '
+        'to the last bit is frozen, and counts as lost [rad]; 0 for never.',
+        minimum=0.0, maximum=1e9),
+)
+"""What there is to say of poses that come from elsewhere."""
+
+BODIES = (
+    Parameter(
+        'body', 'kinematic', 'What turns: kinematic bodies exactly as told, or bodies with mass '
+        'by torques.', choices=('kinematic', 'wheels', 'gimbal'),
+        pattern=re.compile(r'.+\.(xml|mjcf)'), pattern_name='the path of an MJCF file (.xml)'),
+    Parameter(
+        'physics_rate', 1000.0, 'Bodies with mass: steps of physics and rate loop per second '
+        '[Hz].', minimum=1.0, maximum=1e6),
+    Parameter(
+        'rate_loop.bandwidth', 100.0, 'The k of the loop that makes dw/dt = k (u - w) of a body '
+        'rate w under the command u [1/s].', minimum=1e-6, maximum=1e6),
+    Parameter(
+        'rate_loop.feedforward', True, 'Whether the rate loop makes up for the gyroscopic '
+        'torque.'),
+    Parameter(
+        'gyro.noise', 0.0, 'Standard deviation of each sample of a gyro, per axis [rad/s].',
+        minimum=0.0, maximum=1e3),
+    Parameter(
+        'gyro.bias', 0.0, "Standard deviation of a gyro's constant error, per axis [rad/s].",
+        minimum=0.0, maximum=1e3),
+    Parameter(
+        'wheels.mass', 2.0, 'Mass of the box [kg].', minimum=1e-9, maximum=1e9),
+    Parameter(
+        'wheels.body_inertia', (0.010, 0.012, 0.014), 'Moments of inertia of the box, without '
+        'its wheels [kg m^2].', items=float),
+    Parameter(
+        'wheels.inertia', 2e-4, 'Moment of inertia of a wheel about its axis [kg m^2].',
+        minimum=1e-12, maximum=1e9),
+    Parameter(
+        'wheels.torque_limit', 0.1, 'Limit of the torque of a wheel [N m].',
+        minimum=1e-12, maximum=1e9),
+    Parameter(
+        'wheels.speed_limit', 600.0, 'Limit of the speed of a wheel [rad/s].',
+        minimum=1e-9, maximum=1e9),
+    Parameter(
+        'wheels.disturbance', (0.0, 0.0, 0.0), 'Torque on each body, constant in the world '
+        '[N m].', items=float),
+    Parameter(
+        'gimbal.pan_limits', (), 'Limits of the pan joint [rad]; empty for none.', items=float),
+    Parameter(
+        'gimbal.tilt_limits', (-1.8, 1.8), 'Limits of the tilt joint [rad]; empty for none.',
+        items=float),
+    Parameter(
+        'gimbal.rate_limit', 10.0, 'Limit of the rate of either joint [rad/s].',
+        minimum=1e-9, maximum=1e9),
+    Parameter(
+        'gimbal.torque_limit', 1.0, 'Limit of the torque of either joint [N m].',
+        minimum=1e-12, maximum=1e9),
+    Parameter(
+        'gimbal.mounting', (0.0, 0.0, 0.0, 1.0), 'Attitudes of the bases as quaternions x, y, z, '
+        'w: 4 numbers for all agents, or 4 for each.', items=float),
+)
+"""What the plant's bodies are made of."""
+
 PLANT = FORMATION + (
     Parameter(
         'mode', 'lockstep', 'How time passes: lockstep waits for every command, realtime for '
@@ -236,6 +317,33 @@ PLANT = FORMATION + (
     Parameter(
         'duration', 0.0, 'Pause when so much formation time has passed [s]; 0 for never.',
         minimum=0.0, maximum=1e9),
+    *BODIES,
+    Parameter(
+        'external_bodies', (), 'Realtime: the agents whose bodies are elsewhere; their poses are '
+        'listened to.', items=int),
+    *POSES,
+)
+
+SENSORS = FORMATION + (
+    Parameter(
+        'rate', 100.0, 'Measurements per second [Hz].', minimum=1e-3, maximum=1e5),
+    *POSES,
+)
+
+BODY = (
+    Parameter(
+        'driver', '', 'What drives the body, as module:Class.'),
+    Parameter(
+        'driver_options', (), 'What the driver is made with, "name=value" each.', items=str),
+    Parameter(
+        'rate', 100.0, 'How often the driver is told what to do [Hz].',
+        minimum=1e-3, maximum=1e5),
+    Parameter(
+        'command_timeout', 0.5, 'The body is held when no command came for longer than this '
+        '[s].', minimum=0.0, maximum=math.inf),
+    Parameter(
+        'max_angular_velocity', 10.0, 'The body is held while its command is faster than this '
+        '[rad/s].', minimum=1e-9, maximum=1e9),
 )
 
 MONITOR = FORMATION + (
@@ -258,7 +366,8 @@ RECORDER = (
         'regex', '', 'Record the topics whose full names match this regular expression too.'),
 )
 
-PARAMETERS = {'agent': AGENT, 'plant': PLANT, 'monitor': MONITOR, 'recorder': RECORDER}
+PARAMETERS = {'agent': AGENT, 'plant': PLANT, 'monitor': MONITOR, 'recorder': RECORDER,
+              'sensors': SENSORS, 'body': BODY}
 
 ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 """Parameters that every rclpy node has of its own, beside qos_overrides.*."""
@@ -293,7 +402,7 @@ def markdown() -> str:
     lines = []
     shared = {spec.name for spec in FORMATION}
     for title, specs in (
-            ('all nodes but the recorder', FORMATION),
+            ('all nodes but the recorder and the drivers of bodies', FORMATION),
             *((kind, [s for s in specs if s.name not in shared])
               for kind, specs in PARAMETERS.items())):
         lines += [f'| {title} | default | | |', '|---|---|---|---|']

@@ -10,20 +10,21 @@ The node owns the topics and the state. When to step is left to one of two stepp
 
 import secrets
 
-from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
+from geometry_msgs.msg import TwistStamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
+from tetra_ros2.config.bodies import check_bodies
 from tetra_ros2.config.configuration import formation_from_parameters, initial_attitudes
 from tetra_ros2.config.parameters import ConfigurationError
-from tetra_ros2.formation import rotation
-from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.formation.checks import Rejected, require_rate
 from tetra_ros2.formation.sensing import delay_in_steps, Sensors
 from tetra_ros2.nodes.lockstep import Lockstep
+from tetra_ros2.nodes.measurements import Measurements, NOBODY
 from tetra_ros2.nodes.realtime import RealTime
-from tetra_ros2.ros import executor, parameters, qos
-from tetra_ros2.ros.node import FormationNode, raw_publish
+from tetra_ros2.nodes.vehicles import STILL, Vehicles
+from tetra_ros2.ros import diagnostics, executor, parameters, qos
+from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.wire import cdr, names
 
 
@@ -50,26 +51,16 @@ class Plant(FormationNode):
                 self.seed = secrets.randbelow(2**31)
             self.get_logger().info(f'random initial attitudes of seed {self.seed}')
         self._rng = np.random.default_rng(max(self.seed, 0))
-        self.bodies = RigidBodies(self._initial_attitudes(), self.formation.pointing_axes)
+        self._vehicles = Vehicles(self, {**values, 'seed': self.seed}, self.formation)
+        self.bodies = self._vehicles.make(self._initial_attitudes())
+        self.stopped = False  # by the emergency stop, until it is released
 
-        self._send_state = raw_publish(self.offer(
-            PoseArray, names.ATTITUDES, qos.STATE, exclusive=True))
-        self._state = cdr.pose_array(names.WORLD, n)
-        # For each agent that sees anybody: its index, whom it sees, how to tell it, the codec.
-        self._sensors = []
-        for i in range(1, n + 1):
-            neighbors = [j for j, _ in topology.neighbors(i)]
-            senders = [raw_publish(
-                self.offer(Vector3Stamped, names.relative_attitude(i, j), qos.NEWEST))
-                for j in neighbors]
-            if neighbors:
-                self._sensors.append((i - 1, [j - 1 for j in neighbors], senders,
-                                      cdr.vector3_stamped(names.body_frame(i)).encoder))
+        self._measurements = Measurements(self, topology)
         self._commands = []  # for each agent: what gives its next command, and what takes it
         self._imperfect = self._make_imperfect_sensors(values)
         self.mode = values['mode']
         stepper = {'lockstep': Lockstep, 'realtime': RealTime}[self.mode]
-        self.stepper = stepper(self, [sensor[0] for sensor in self._sensors])
+        self.stepper = stepper(self, self._measurements.observers)
         for i in range(1, n + 1):
             on_command = self._receiver(i)
             subscription = self.listen(TwistStamped, names.cmd_vel(i), on_command, qos.COMMANDS)
@@ -77,6 +68,7 @@ class Plant(FormationNode):
                 self._commands.append((self.queue(subscription), on_command))
         self.create_service(Trigger, names.RESET, self._on_reset)
         self.create_service(SetBool, names.PAUSE, self._on_pause)
+        self.create_service(SetBool, names.stop(names.PLANT), self._on_stop)
         self.report_health()
         if topology.blind_agents:
             blind = ', '.join(map(str, topology.blind_agents))
@@ -92,11 +84,8 @@ class Plant(FormationNode):
         delay = delay_in_steps(values['measurement_delay'], 1.0 / values['rate'])
         if not (noise or delay or loss):
             return None
-        others = [None] * self._topology.n
-        for i, seen, *_ in self._sensors:
-            others[i] = seen
-        return Sensors(self.bodies.seen_by, others, noise=noise, delay=delay, loss=loss,
-                       seed=max(self.seed, 0))
+        return Sensors(self.bodies.seen_by, self._measurements.others, noise=noise, delay=delay,
+                       loss=loss, seed=max(self.seed, 0))
 
     @property
     def start_description(self):
@@ -110,11 +99,12 @@ class Plant(FormationNode):
     def _initial_attitudes(self):
         if self._given_attitudes is not None:
             return self._given_attitudes
-        return rotation.random(self._rng, (self._topology.n,))
+        return self._vehicles.draw(self._rng)
 
     def _accept(self, values):
         formation = formation_from_parameters(values)
         initial_attitudes(values, formation.topology.n)
+        check_bodies(values)
         timeout, rate = values['command_timeout'], values['rate']
         if values['mode'] == 'realtime' and 0.0 < timeout < 2.0 / rate:
             raise ConfigurationError(
@@ -129,24 +119,16 @@ class Plant(FormationNode):
 
     def publish(self, stamp):
         """Publish the state and what everybody sees of it, as of the time ``stamp`` [ns]."""
-        bodies = self.bodies
-        head = cdr.head(stamp)
-        sensors = self._imperfect
+        bodies, sensors, lost = self.bodies, self._imperfect, NOBODY
+        if self._vehicles.poses is not None:
+            bodies.look()
+            lost = bodies.lost
         if sensors is None:
             sensors = bodies
         else:
             sensors.sample(stamp)
-        for i, others, senders, encoder in self._sensors:
-            prefix, pack = encoder(head)
-            for send, (x, y, z) in zip(senders, sensors.seen_by(i, others)):
-                send(prefix + pack(x, y, z))
-        # Last, as nobody's answer waits for it.
-        state = []
-        for position, orientation in zip(bodies.reduced, bodies.attitudes):
-            state += position
-            state += orientation
-        prefix, pack = self._state.encoder(head)
-        self._send_state(prefix + pack(*state))
+        self._measurements.publish(stamp, bodies, sensors.seen_by, lost)
+        self._vehicles.tell(stamp)
 
     def read_commands(self):
         """
@@ -167,7 +149,7 @@ class Plant(FormationNode):
             try:
                 stamp, (_, _, _, x, y, z) = decode(message)
                 require_rate(x, y, z, self._max_angular_velocity)
-                command(i - 1, stamp, (x, y, z))
+                command(i - 1, stamp, STILL if self.stopped else (x, y, z))
             except Rejected as rejection:
                 self.health.reject(rejection, names.agent(i))
 
@@ -182,7 +164,7 @@ class Plant(FormationNode):
 
     def reset(self):
         """Go back to the initial condition, or to a new random one; time goes on."""
-        self.bodies = RigidBodies(self._initial_attitudes(), self.formation.pointing_axes)
+        self.bodies = self._vehicles.make(self._initial_attitudes())
         if self._imperfect is not None:
             self._imperfect.restart(self.bodies.seen_by)
         self.stepper.state_changed()
@@ -193,9 +175,27 @@ class Plant(FormationNode):
         response.message = 'paused' if request.data else 'running'
         return response
 
+    def _on_stop(self, request, response):
+        self.stopped = request.data
+        if self.stopped:
+            self.stepper.state_changed()  # what was commanded before counts no more
+            self.get_logger().error('emergency stop: all bodies are held until it is released')
+        else:
+            self.get_logger().warning('emergency stop released')
+        response.success = True
+        response.message = 'stopped' if self.stopped else 'released'
+        return response
+
     def assess(self):
         """Return level, message and figures for the diagnostics."""
-        return self.stepper.assess(self.health)
+        level, message, values = self.stepper.assess(self.health)
+        trouble, figures = self._vehicles.assess()
+        values.update(figures)
+        if trouble:
+            level, message = max(level, diagnostics.WARN), f'{message}; {trouble}'
+        if self.stopped:
+            level, message = diagnostics.ERROR, f'emergency stop; {message}'
+        return level, message, values
 
 
 def main(config=None, arguments=()):

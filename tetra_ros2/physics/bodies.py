@@ -11,7 +11,6 @@ pure function of start, commands and seed, to the last bit.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-import math
 
 import mujoco
 import numpy as np
@@ -253,6 +252,11 @@ class Gimbals(PhysicalBodies):
         cosine, sine = np.cos(tilt), np.sin(tilt)
         safe = cosine / np.maximum(cosine * cosine, gimbal.DAMPING**2)
         told = rotation.rotate(rotation.inverse(self._crooked), commands)
+        if loop.feedforward:
+            # The joints roll the body about its pointing axis; what was commanded does not roll.
+            c, s = np.cos(self._roll), np.sin(self._roll)
+            told = np.stack([told[:, 0], c * told[:, 1] + s * told[:, 2],
+                             c * told[:, 2] - s * told[:, 1]], axis=1)
         wanted = np.stack([told[:, 2] * safe, told[:, 1]], axis=1)
         limited = np.clip(wanted, -settings.rate_limit, settings.rate_limit)
         self._rate_seen |= limited != wanted
@@ -282,6 +286,7 @@ class Gimbals(PhysicalBodies):
         possible = np.clip(torques, -self._vehicle.torque_limits, self._vehicle.torque_limits)
         self._torque_seen |= possible != torques
         self._controls[:] = possible
+        self._roll -= dt * sine * pan_rate
         mujoco.mj_step2(model, data)
 
     def _attitudes(self) -> Array:
@@ -294,6 +299,7 @@ class Gimbals(PhysicalBodies):
         return unit
 
     def _forget(self) -> None:
+        self._roll = np.zeros(len(self.axes))  # since the command began to count
         for seen in (self._torque_seen, self._rate_seen, self._limit_seen):
             seen[:] = False
 
@@ -310,33 +316,19 @@ class Gimbals(PhysicalBodies):
                       tuple(self._velocities[i].tolist()), tuple(self._controls[i].tolist()))
 
 
-def make_bodies(attitudes: ArrayLike, axes: ArrayLike, physics: Physics) -> PhysicalBodies:
+def make_bodies(attitudes: ArrayLike, axes: ArrayLike, physics: Physics,
+                vehicle: models.Vehicle | None = None) -> PhysicalBodies:
     """
     Return bodies at rest.
 
     :param attitudes: unit quaternions x y z w, body to world, n of them
     :param axes: pointing axes in the body frames, unit vectors (x, y, z), n of them
     :param physics: what they are made of
+    :param vehicle: the same as a model, where it was loaded already
     :raises BodyError: if there are none such, or they cannot start there
     """
-    if math.isnan(physics.rate) or physics.loop.bandwidth >= 2.0 * physics.rate:
-        raise BodyError(
-            f'{physics.loop.bandwidth:g} is not valid, expected less than twice physics.rate, '
-            f'{2.0 * physics.rate:g}: the rate loop would not be stable', 'rate_loop.bandwidth')
-    vehicle = models.load(physics)
+    if vehicle is None:
+        vehicle = models.load(physics)
     kind = FloatingBodies if vehicle.floats else Gimbals
     return kind(attitudes, axes, physics, vehicle)
 
-
-def can_point(directions: ArrayLike, physics: Physics) -> NDArray[np.bool_]:
-    """
-    Return which directions, in the frame of a base, the bodies can point along, ``(n,)``.
-
-    :param directions: unit vectors, ``(n, 3)``
-    """
-    directions = np.asarray(directions, dtype=float)
-    if physics.body != 'gimbal':
-        return np.ones(len(directions), dtype=bool)
-    settings = physics.gimbal
-    return np.array([gimbal.angles(d.tolist(), settings.pan_limits, settings.tilt_limits)
-                     is not None for d in directions])

@@ -6,6 +6,10 @@
 from dataclasses import dataclass, field
 import math
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tetra_ros2.formation import gimbal, rotation
 from tetra_ros2.formation.gimbal import ENDLESS, Limits
 
 Vector = tuple[float, float, float]
@@ -31,7 +35,7 @@ class RateLoop:
     :param bias: standard deviation of the gyro's constant error, per axis [rad/s]
     """
 
-    bandwidth: float = 20.0
+    bandwidth: float = 100.0
     feedforward: bool = True
     noise: float = 0.0
     bias: float = 0.0
@@ -143,3 +147,26 @@ class Physics:
     wheels: Wheels = field(default_factory=Wheels)
     gimbal: Gimbal = field(default_factory=Gimbal)
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check that the rate loop can follow itself from step to step."""
+        if not self.loop.bandwidth < 2.0 * self.rate:
+            raise BodyError(
+                f'{self.loop.bandwidth:g} is not valid, expected less than twice physics_rate, '
+                f'{2.0 * self.rate:g}: the rate loop would not be stable', 'rate_loop.bandwidth')
+
+    def can_point(self, attitudes: ArrayLike, axes: ArrayLike) -> NDArray[np.bool_]:
+        """
+        Return which bodies can point as they would at given attitudes, ``(n,)``.
+
+        :param attitudes: unit quaternions x y z w, body to world, ``(n, 4)``
+        :param axes: pointing axes in the body frames, ``(n, 3)``
+        """
+        attitudes = np.asarray(attitudes, dtype=float)
+        if self.body != 'gimbal':
+            return np.ones(len(attitudes), dtype=bool)
+        gamma = rotation.rotate(attitudes, np.asarray(axes, dtype=float))
+        directions = rotation.rotate(rotation.inverse(np.array(self.gimbal.mounting)), gamma)
+        return np.array([
+            gimbal.angles(d.tolist(), self.gimbal.pan_limits, self.gimbal.tilt_limits) is not None
+            for d in directions])
