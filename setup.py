@@ -26,6 +26,7 @@ extras = {
     'plot': ['matplotlib', 'pillow', 'rosbags'],
     'view': ['rosbags', 'viser'],
     'analysis': ['matplotlib'],
+    'design': ['scipy'],
     'study': ['numba', 'pyarrow'],
     'cluster': ['distributed'],
     'bench': ['numba', 'scipy'],

@@ -99,6 +99,7 @@ _INSTALL = {
     'rclpy': "source a ROS 2 installation, or without one: pip install 'tetra_ros2[ros]'",
     'diagnostic_msgs': "source a ROS 2 installation; without one: pip install 'tetra_ros2[ros]'",
     'rosbags': 'recordings need it: pip install rosbags',
+    'scipy': "linear programs need it: pip install 'tetra_ros2[design]'",
     'viser': "the viewer needs it: pip install 'tetra_ros2[view]'",
 }
 

@@ -21,6 +21,7 @@ COMMANDS = {
     'plot': 'write the figures of a recording',
     'verify': 'check every claim of the paper',
     'analyze': 'rates, limits and errors that theory predicts for a configuration',
+    'design': "find weights for a formation of one's own, at rest or turning",
     'study': 'follow very many random starts, and say how many form and when',
     'figures': "draw the paper's simulation figures from runs of the nodes",
 }
