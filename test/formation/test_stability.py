@@ -10,6 +10,7 @@ import pytest
 
 from tetra_ros2.formation import (
     coordinates,
+    equilibria,
     law,
     measures,
     rotation,
@@ -100,7 +101,7 @@ def test_lyapunov_function_has_its_closed_form_for_the_cosine_gain():
 
 
 def test_newtons_method_finds_all_the_papers_equilibria_and_no_other():
-    found, _ = stability.find_equilibria(np.random.default_rng(0), COMPLETE, Cosine(), 300)
+    found, _ = equilibria.find_equilibria(np.random.default_rng(0), COMPLETE, Cosine(), 300)
     kinds = {entry.kind for entry in found}
     assert kinds == {'tetrahedron', 'cross', 'consensus', '3 against 1', '2 against 2',
                      'other coplanar'}
@@ -113,7 +114,7 @@ def test_the_cross_has_one_way_out():
     psi = np.arange(4) * np.pi / 2.0
     cross = coordinates.from_angles(np.zeros(4), psi)
     there = stability.transverse(cross, COMPLETE, Cosine(1.5))
-    assert stability.classify(cross) == 'cross'
+    assert equilibria.classify(cross) == 'cross'
     assert_same_spectrum(there.eigenvalues, 1.5 * np.array([2.0, -2.0, -2.0, -2.0, -4.0]))
 
 
@@ -132,20 +133,20 @@ def test_linearization_does_not_depend_on_how_the_formation_lies():
 ])
 def test_settling_leads_where_the_loop_goes(graph, angles):
     start = sphere.random(np.random.default_rng(4), graph.n)
-    reached = stability.settle(start, graph.weights, Exponential())
+    reached = equilibria.settle(start, graph.weights, Exponential())
     assert np.allclose(np.sort(measures.pairwise_angles(reached)), angles, atol=1e-7)
     there = stability.transverse(reached, graph.weights, Exponential())
     assert there.residual < 1e-9
     assert there.inertia[0] == 0
 
 
-def equilibria(weights, gain, starts=400):
-    return stability.find_equilibria(np.random.default_rng(0), weights, gain, starts)
+def found_under(weights, gain, starts=400):
+    return equilibria.find_equilibria(np.random.default_rng(0), weights, gain, starts)
 
 
 @every_gain
 def test_the_spinning_tetrahedron_is_among_the_equilibria(gain):
-    found, _ = equilibria(ROTATING, gain)
+    found, _ = found_under(ROTATING, gain)
     spinning, = [entry for entry in found if entry.kind == 'tetrahedron']
     assert spinning.spin_rate == pytest.approx(
         np.sqrt(3.0) / 2.0 * gain.f(shapes.THETA_STAR), rel=1e-9)
@@ -155,7 +156,7 @@ def test_the_spinning_tetrahedron_is_among_the_equilibria(gain):
 
 
 def test_a_slow_gain_has_the_same_equilibria_as_a_fast_one():
-    kinds = [sorted(entry.kind for entry in equilibria(ROTATING, Cosine(a), 200)[0])
+    kinds = [sorted(entry.kind for entry in found_under(ROTATING, Cosine(a), 200)[0])
              for a in (1e-6, 1.0, 1e6)]
     assert kinds[0] == kinds[1] == kinds[2]
 
@@ -166,7 +167,7 @@ def test_equilibria_that_no_automorphism_joins_are_told_apart():
     graph = topology.custom(4, [
         (1, 2, 1.0), (2, 1, 2.0), (1, 3, 0.5), (1, 4, 0.5), (2, 3, 1.5), (2, 4, 1.5),
         (3, 1), (4, 1), (3, 2, 0.7), (4, 2, 0.7), (3, 4), (4, 3)])
-    found, _ = equilibria(graph.weights, Cosine(), 1500)
+    found, _ = found_under(graph.weights, Cosine(), 1500)
     alone = [entry for entry in found if entry.kind == '3 against 1']
     assert len(alone) == 3
     seen = set()
@@ -184,7 +185,7 @@ def test_equilibria_that_no_automorphism_joins_are_told_apart():
 
 @pytest.mark.parametrize('gain', [Cosine(), Exponential()], ids=['cosine', 'exponential'])
 def test_agents_on_a_line_keep_all_their_transverse_eigenvalues(gain):
-    found, _ = equilibria(COMPLETE, gain)
+    found, _ = found_under(COMPLETE, gain)
     lines = [entry for entry in found
              if entry.kind in ('consensus', '3 against 1', '2 against 2')]
     assert len(lines) == 3
@@ -201,13 +202,13 @@ def test_a_formation_nearly_on_a_line_has_its_eigenvalues_too():
         np.array([[0.0, 0.0, 1.0]] * 3 + [[0.0, 0.0, -1.0]])
         + 1e-6 * np.random.default_rng(3).standard_normal((4, 3)))
     assert len(stability.transverse(near, COMPLETE, Cosine()).eigenvalues) == 6
-    assert np.linalg.svd(stability.straighten(near), compute_uv=False)[1] < 1e-15
+    assert np.linalg.svd(equilibria.straighten(near), compute_uv=False)[1] < 1e-15
 
 
 def test_stability_is_said_in_a_word():
-    words = {entry.kind: entry.stability for entry in equilibria(COMPLETE, Exponential())[0]}
+    words = {entry.kind: entry.stability for entry in found_under(COMPLETE, Exponential())[0]}
     assert words['tetrahedron'] == 'stable'
     assert words['consensus'] == words['cross'] == 'unstable'
-    pair = equilibria(topology.complete(2).weights, Cosine(), 50)[0]
+    pair = found_under(topology.complete(2).weights, Cosine(), 50)[0]
     assert {entry.kind: entry.stability for entry in pair} == {
         'consensus': 'unstable', '1 against 1': 'undecided'}

@@ -18,6 +18,7 @@ from tetra_ros2.cli import main
 from tetra_ros2.formation import (
     controller,
     coordinates,
+    equilibria,
     gain,
     law,
     rotation,
@@ -136,8 +137,8 @@ SABOTAGE = {
     'kkt-points': (np, 'cos', off_cosine),
     'polynomial-system': (coordinates, 'cosine_matrix', lambda c, true=coordinates.cosine_matrix:
                           true(0.5 * np.asarray(c))),
-    'disjoint-equilibria': (stability, 'find_equilibria', lambda *_: ([], 300)),
-    'decomposition': (stability, 'find_equilibria', lambda *_: ([], 300)),
+    'disjoint-equilibria': (equilibria, 'find_equilibria', lambda *_: ([], 300)),
+    'decomposition': (equilibria, 'find_equilibria', lambda *_: ([], 300)),
 }
 
 

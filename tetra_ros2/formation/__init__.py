@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from tetra_ros2.formation._formation import Formation
     from tetra_ros2.formation._trajectory import Trajectory
     from tetra_ros2.formation.analysis import Analysis
+    from tetra_ros2.formation.equilibria import Equilibrium
     from tetra_ros2.formation.gain import (
         Cosine,
         Exponential,
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
         Rational,
     )
     from tetra_ros2.formation.shapes import known_shape, Shape
-    from tetra_ros2.formation.stability import Equilibrium
     from tetra_ros2.formation.targets import polyhedron, ring
     from tetra_ros2.formation.topology import complete, custom, rotating, Topology
 
@@ -68,7 +68,7 @@ _HOMES = {
     'analysis': ('Analysis',),
     'gain': ('Cosine', 'Exponential', 'Gain', 'Gaussian', 'Linear', 'Rational'),
     'shapes': ('Shape', 'known_shape'),
-    'stability': ('Equilibrium',),
+    'equilibria': ('Equilibrium',),
     'targets': ('polyhedron', 'ring'),
     'topology': ('Topology', 'complete', 'custom', 'rotating'),
 }

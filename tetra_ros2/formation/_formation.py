@@ -18,8 +18,8 @@ from tetra_ros2.formation.topology import Topology
 if TYPE_CHECKING:
     from tetra_ros2.formation._trajectory import Trajectory
     from tetra_ros2.formation.analysis import Analysis
+    from tetra_ros2.formation.equilibria import Equilibrium
     from tetra_ros2.formation.shapes import Shape
-    from tetra_ros2.formation.stability import Equilibrium
 
 # The methods import what they need when they are called: every agent has a Formation, and nothing
 # in the process of an agent may know of attitudes or shapes.
@@ -95,7 +95,7 @@ class Formation:
         :param seed: of these
         :returns: the one most often found first
         """
-        from tetra_ros2.formation.stability import find_equilibria
+        from tetra_ros2.formation.equilibria import find_equilibria
         return find_equilibria(
             np.random.default_rng(seed), self.topology.weights, self.gain, starts)[0]
 

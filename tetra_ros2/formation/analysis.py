@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tetra_ros2.formation import measures, rotation, sampling, sensing, shapes, stability
+from tetra_ros2.formation import (
+    equilibria,
+    measures,
+    rotation,
+    sampling,
+    sensing,
+    shapes,
+    stability,
+)
 from tetra_ros2.formation._trajectory import initial_attitudes
 
 if TYPE_CHECKING:
@@ -213,7 +221,7 @@ def attractor(formation: Formation, initial: ArrayLike | None = None, seed: int 
             return equilibrium, shape
     axes = formation.pointing_axes
     begin = rotation.rotate(initial_attitudes(initial, seed, axes), axes)
-    gamma = stability.settle(begin, topology.weights, gain)
+    gamma = equilibria.settle(begin, topology.weights, gain)
     if gamma is None:
         raise NotAnalyzable('its shape goes on changing, so there is no formation to analyse')
     equilibrium = stability.transverse(gamma, topology.weights, gain)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tetra_ros2.formation import stability
+from tetra_ros2.formation import equilibria
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.formation.gain import Cosine, Exponential, Gain, Gaussian, Linear, Rational
 from tetra_ros2.paper import runs
@@ -62,7 +62,7 @@ class SystemUnderTest:
         return self._runs[key]
 
     @cached_property
-    def equilibria(self) -> tuple[list[stability.Equilibrium], int]:
+    def equilibria(self) -> tuple[list[equilibria.Equilibrium], int]:
         """Return what Newton's method finds, complete graph and first gain; and the lost."""
-        return stability.find_equilibria(
+        return equilibria.find_equilibria(
             self.rng, self.complete.weights, self.gains[0], self.times(300))

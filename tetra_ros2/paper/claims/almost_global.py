@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from tetra_ros2.formation import coordinates, law, measures, sphere, stability
+from tetra_ros2.formation import coordinates, equilibria, law, measures, sphere
 from tetra_ros2.formation.gain import Gain
 from tetra_ros2.paper.claims._common import starts_that_form
 from tetra_ros2.paper.differences import derivative, out_of_plane
@@ -191,7 +191,7 @@ def _coplanar_unstable(system: SystemUnderTest) -> Result:
         equilibria = _coplanar_equilibria(system.complete.weights, gain)
         gamma = coordinates.from_angles(np.zeros_like(equilibria), equilibria)
         count += len(gamma)
-        kinds |= {stability.classify(points) for points in gamma}
+        kinds |= {equilibria.classify(points) for points in gamma}
         _, different = np.unique(
             np.round(np.sort(measures.pairwise_cosines(gamma)), 6), axis=0, return_index=True)
         for points in gamma[different]:
@@ -222,7 +222,7 @@ def _decomposition(system: SystemUnderTest) -> Result:
         gamma, weights, dataclasses.replace(gain, a=factor * gain.a)) / factor - here)))
         for factor in (1e-3, 0.3, 7.0, 1e3))
     strange = sum(e.found for e in found
-                  if e.kind != 'tetrahedron' and not stability.is_coplanar(e.gamma, 1e-5))
+                  if e.kind != 'tetrahedron' and not equilibria.is_coplanar(e.gamma, 1e-5))
     total = sum(e.found for e in found)
     tetrahedra = sum(e.found for e in found if e.kind == 'tetrahedron')
     return Result(
