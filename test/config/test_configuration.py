@@ -208,7 +208,7 @@ def test_edges_may_have_weights_or_not():
 
 def test_an_agent_that_sees_nobody_is_allowed():
     built = formation(topology__kind='custom', topology__n=3, topology__edges=['1 2', '2 1'])
-    assert built.topology.blind_agents == (3,)
+    assert built.topology.agents_without_neighbors == (3,)
 
 
 def test_one_axis_is_for_all_agents_and_every_axis_is_normalised():

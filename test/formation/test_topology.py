@@ -77,7 +77,7 @@ def test_in_the_complete_graph_everybody_sees_everybody_else(n):
     assert topology.n == n
     assert topology.edges == tuple(
         (i, j, 1.0) for i in range(1, n + 1) for j in range(1, n + 1) if i != j)
-    assert topology.blind_agents == ()
+    assert topology.agents_without_neighbors == ()
 
 
 @given(st.integers(2, 6).flatmap(any_topology))
@@ -97,14 +97,14 @@ def test_neighbors_are_those_who_are_seen(topology):
     for i in range(1, topology.n + 1):
         assert topology.neighbors(i) == tuple(
             (j, weight) for by, j, weight in topology.edges if by == i)
-        assert (i in topology.blind_agents) == (not topology.neighbors(i))
+        assert (i in topology.agents_without_neighbors) == (not topology.neighbors(i))
 
 
 def test_an_edge_says_who_sees_whom():
     topology = topologies.custom(3, [(1, 2, 0.5), (2, 1)])
     assert topology.neighbors(1) == ((2, 0.5),)
     assert topology.neighbors(2) == ((1, 1.0),)
-    assert topology.blind_agents == (3,)
+    assert topology.agents_without_neighbors == (3,)
 
 
 @pytest.mark.parametrize('edge, problem', [

@@ -7,6 +7,8 @@ from dataclasses import asdict
 import json
 import math
 
+# The rest is imported where it is needed: ``--help`` does not wait for numpy and rich.
+
 
 def add_arguments(parser):
     """Add the arguments of ``tetra analyze``."""

@@ -9,7 +9,10 @@ import math
 from pathlib import Path
 import sys
 
+# The rest is imported where it is needed: ``--help`` does not wait for numpy and rich.
+
 INTERRUPTED = 130
+"""Exit status after Ctrl-C, as a shell has it."""
 
 
 def add_arguments(parser):

@@ -35,6 +35,7 @@ class Formation:
     :param pointing_axes: the axes b_i in the body frames, of any length, ``(3,)`` for all bodies
         or ``(n, 3)``; kept as unit vectors, ``(n, 3)``
     :raises ValueError: if there are not so many axes, or one is zero or not finite
+    :raises TypeError: if topology or gain is something else
     """
 
     topology: Topology
@@ -42,7 +43,12 @@ class Formation:
     pointing_axes: NDArray[np.float64] = (1.0, 0.0, 0.0)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        """Check the axes and freeze them."""
+        """Check the parts, and freeze the axes."""
+        if not isinstance(self.topology, Topology):
+            raise TypeError(f'topology must be a Topology, such as complete(), '
+                            f'not {self.topology!r}')
+        if not isinstance(self.gain, Gain):
+            raise TypeError(f'gain must be a Gain, such as Cosine(), not {self.gain!r}')
         axes = np.array(self.pointing_axes, dtype=float)
         if axes.shape not in ((3,), (self.n, 3)):
             raise ValueError(

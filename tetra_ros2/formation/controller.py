@@ -113,8 +113,8 @@ class Controller:
         """
         Forget the measurements of neighbours not heard since: what they say next is welcome.
 
-        Silence has outlasted the patience for it. Who speaks next may be a plant that was started
-        again, with a clock that was started again: so its stamp may be anything.
+        They were silent for longer than the time-out. The next message may come from a plant that
+        was started again and whose clock begins anew, so any stamp is accepted then.
 
         :param before: forget those last heard before this time [s]; by default all
         """

@@ -22,7 +22,7 @@ class Sensors:
     is lost is replaced by the one handed out before it, as by a receiver that holds its input.
 
     :param seen_by: the exact sight, ``RigidBodies.seen_by``; may be replaced when bodies are
-    :param others: for each body, counted from 0, whom it looks at; None for a blind one
+    :param others: for each body, counted from 0, whom it looks at; None for nobody
     :param noise: standard deviation of a direction per axis [rad]
     :param delay: how many samples old the measurements are
     :param loss: the probability that a measurement is lost

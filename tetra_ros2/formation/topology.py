@@ -74,7 +74,7 @@ class Topology:
         return tuple((int(j) + 1, float(row[j])) for j in np.flatnonzero(row))
 
     @property
-    def blind_agents(self) -> tuple[int, ...]:
+    def agents_without_neighbors(self) -> tuple[int, ...]:
         """Return the agents that see nobody, and therefore never move."""
         return tuple(i for i in range(1, self.n + 1) if not self.neighbors(i))
 

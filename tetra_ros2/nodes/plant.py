@@ -70,9 +70,9 @@ class Plant(FormationNode):
         self.create_service(SetBool, names.PAUSE, self._on_pause)
         self.create_service(SetBool, names.stop(names.PLANT), self._on_stop)
         self.report_health()
-        if topology.blind_agents:
-            blind = ', '.join(map(str, topology.blind_agents))
-            self.get_logger().warning(f'agents that see nobody, and are not waited for: {blind}')
+        if topology.agents_without_neighbors:
+            alone = ', '.join(map(str, topology.agents_without_neighbors))
+            self.get_logger().warning(f'agents that see nobody, and are not waited for: {alone}')
 
         self._apply(values)
         if start:
