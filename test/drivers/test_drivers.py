@@ -1,0 +1,106 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Finding and making drivers, and the watchdog before them."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from tetra_ros2 import drivers
+from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.drivers import watchdog
+from tetra_ros2.formation.checks import Rejected
+
+RATE = (0.1, 0.2, 0.3)
+
+
+class Twenty:
+    """The smallest driver there is."""
+
+    def __init__(self, speed=1.0):
+        self.speed = speed
+
+    def apply(self, angular_velocity, dt):
+        """Do nothing."""
+
+
+@pytest.mark.parametrize(('name', 'message'), [
+    ('', "driver: '' is not valid, expected module:Class or one of pan_tilt, rate_setpoint"),
+    ('os', 'expected module:Class'),
+    ('no_such_module:Class', "there is no module 'no_such_module'"),
+    ('math:Class', "there is no 'Class' in 'math'"),
+    ('math:pi', 'has no method apply'),
+])
+def test_a_driver_that_there_is_not_is_refused(name, message):
+    with pytest.raises(ConfigurationError, match=message):
+        drivers.find(name)
+
+
+def test_a_driver_of_ones_own_is_found_and_made():
+    kind = drivers.find(f'{__name__}:Twenty')
+    assert drivers.make(kind, drivers.options(['speed=2.5'])).speed == 2.5
+
+
+@pytest.mark.parametrize('text', ['speed', '=1', 'a b=1', 'speed=[1'])
+def test_an_option_of_another_form_is_refused(text):
+    with pytest.raises(ConfigurationError, match='expected name=value'):
+        drivers.options([text])
+
+
+def test_an_option_that_the_driver_does_not_take_is_refused():
+    with pytest.raises(ConfigurationError, match='driver_options: Twenty: .*colour'):
+        drivers.make(Twenty, {'colour': 'red'})
+
+
+def test_options_are_numbers_lists_or_texts():
+    assert drivers.options(['a=1', 'b=[-1.5, 1.5]', 'port=/dev/ttyUSB0', 'c=']) == {
+        'a': 1, 'b': [-1.5, 1.5], 'port': '/dev/ttyUSB0', 'c': None}
+
+
+def test_before_any_command_and_after_a_silence_the_body_is_held():
+    dog = watchdog.Watchdog(0.5, 10.0)
+    assert dog.rate(0.0) == (watchdog.STILL, watchdog.WAITING)
+    dog.command(1, RATE, 0.0)
+    assert dog.rate(0.4) == (RATE, watchdog.TURNING)
+    assert dog.rate(0.6) == (watchdog.STILL, watchdog.SILENT)
+    dog.command(2, RATE, 0.7)
+    assert dog.rate(0.7) == (RATE, watchdog.TURNING)
+
+
+@pytest.mark.parametrize('rate', [(11.0, 0.0, 0.0), (math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)])
+def test_a_rate_beyond_limits_holds_the_body_until_a_good_one_comes(rate):
+    dog = watchdog.Watchdog(0.5, 10.0)
+    dog.command(1, RATE, 0.0)
+    with pytest.raises(Rejected):
+        dog.command(2, rate, 0.1)
+    assert dog.rate(0.1) == (watchdog.STILL, watchdog.TOO_FAST)
+    dog.command(3, RATE, 0.2)
+    assert dog.rate(0.2) == (RATE, watchdog.TURNING)
+
+
+def test_an_old_command_is_not_followed_unless_the_one_who_commands_was_started_anew():
+    dog = watchdog.Watchdog(0.5, 10.0)
+    dog.command(100, RATE, 0.0)
+    with pytest.raises(Rejected):
+        dog.command(99, (1.0, 0.0, 0.0), 0.1)
+    assert dog.rate(0.1) == (RATE, watchdog.TURNING)
+    dog.command(1, RATE, 5.0)
+    assert dog.rate(5.0) == (RATE, watchdog.TURNING)
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.floats(-20.0, 20.0)), max_size=30))
+def test_nothing_but_its_release_ends_an_emergency_stop(commands):
+    dog = watchdog.Watchdog(0.5, 10.0)
+    dog.stopped = True
+    for k, (stamp, x) in enumerate(commands):
+        try:
+            dog.command(stamp, (x, 0.0, 0.0), 0.1 * k)
+        except Rejected:
+            pass
+        assert dog.rate(0.1 * k) == (watchdog.STILL, watchdog.STOPPED)
+    dog.stopped = False
+    dog.command(10, RATE, 100.0)
+    assert dog.rate(100.0) == (RATE, watchdog.TURNING)

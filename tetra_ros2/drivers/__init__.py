@@ -1,0 +1,106 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Drivers of bodies: what turns a real one as the law commands.
+
+A driver is a class with one method, ``apply(angular_velocity, dt)``: turn the body at that rate
+(x, y, z) [rad/s] in its own frame, for about ``dt`` [s], until the next call. It may have
+``attitude()``, which returns the body's attitude as a quaternion x y z w, body to world, or None;
+and ``close()``. Whatever it cannot reach it says by raising OSError: the body then counts as lost,
+and the driver is made anew until it can be.
+"""
+
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+import re
+from typing import Any, Protocol
+
+import yaml
+
+from tetra_ros2.config.parameters import ConfigurationError, shown
+from tetra_ros2.formation._types import Vector
+
+SHIPPED = {
+    'pan_tilt': 'tetra_ros2.drivers.pan_tilt:PanTilt',
+    'rate_setpoint': 'tetra_ros2.drivers.rate_setpoint:RateSetpoint',
+}
+"""The drivers that ship, by their short names."""
+
+
+class Driver(Protocol):
+    """What a driver has to have."""
+
+    def apply(self, angular_velocity: Vector, dt: float) -> None:
+        """
+        Turn the body.
+
+        :param angular_velocity: in the body frame [rad/s]; zero holds it
+        :param dt: until about when [s]
+        :raises OSError: if the body cannot be reached
+        """
+
+
+def find(name: str) -> type:
+    """
+    Return the class of a driver.
+
+    :param name: ``module:Class``, or the short name of one that ships
+    :raises ConfigurationError: if there is none such
+    """
+    module, _, attribute = SHIPPED.get(name, name).partition(':')
+    if not re.fullmatch(r'[A-Za-z_][\w.]*', module) or not attribute.isidentifier():
+        raise ConfigurationError(
+            f'{shown(name)} is not valid, expected module:Class or one of '
+            f'{", ".join(SHIPPED)}', key='driver')
+    try:
+        found = getattr(import_module(module), attribute)
+    except ModuleNotFoundError as error:
+        if error.name and not module.startswith(error.name):
+            raise  # it is there, and lacks something itself
+        raise ConfigurationError(f'there is no module {module!r}', key='driver') from None
+    except AttributeError:
+        raise ConfigurationError(
+            f'there is no {attribute!r} in {module!r}', key='driver') from None
+    if not callable(getattr(found, 'apply', None)):
+        raise ConfigurationError(
+            f'{name} has no method apply(angular_velocity, dt)', key='driver')
+    return found  # type: ignore[no-any-return]
+
+
+def options(texts: Sequence[str]) -> dict[str, Any]:
+    """
+    Return what a driver is made with.
+
+    :param texts: ``name=value`` each; the value as YAML has it: a number, a list, a text
+    :raises ConfigurationError: if one is not of this form
+    """
+    made = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        try:
+            if not equals or not name.isidentifier():
+                raise ValueError
+            made[name] = yaml.safe_load(value)
+        except (ValueError, yaml.YAMLError):
+            raise ConfigurationError(
+                f'{shown(text)} is not valid, expected name=value', key='driver_options') from None
+    return made
+
+
+def make(kind: type, given: Mapping[str, Any], node: Any = None) -> Driver:
+    """
+    Make a driver.
+
+    :param kind: of :func:`find`
+    :param given: of :func:`options`
+    :param node: the node, for drivers that say ``wants_node = True``
+    :raises ConfigurationError: if it does not take these options
+    :raises OSError: if the body cannot be reached
+    """
+    extra = {'node': node} if getattr(kind, 'wants_node', False) else {}
+    try:
+        driver: Driver = kind(**given, **extra)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f'{kind.__name__}: {error}', key='driver_options') from None
+    return driver
