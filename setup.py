@@ -17,7 +17,8 @@ scripts = {'tetra': 'tetra_ros2.cli:main'}
 if not {'bdist_wheel', 'dist_info', 'editable_wheel'}.intersection(sys.argv):
     scripts.update({
         name: f'tetra_ros2.cli:{name}'
-        for name in ('agent', 'plant', 'monitor', 'recorder', 'launcher', 'viewer')})
+        for name in ('agent', 'plant', 'monitor', 'recorder', 'launcher', 'viewer', 'sensors',
+                     'body')})
 
 extras = {
     # For a machine without ROS 2. Whoever has it from apt must not install this.

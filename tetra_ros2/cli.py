@@ -145,3 +145,13 @@ def launcher():
 def viewer():
     """Run ``tetra viewer``."""
     return main(['viewer', *sys.argv[1:]])
+
+
+def sensors():
+    """Run ``tetra sensors``."""
+    return main(['sensors', *sys.argv[1:]])
+
+
+def body():
+    """Run ``tetra body``."""
+    return main(['body', *sys.argv[1:]])

@@ -3,6 +3,7 @@
 
 """Finding and making drivers, and the watchdog before them."""
 
+import contextlib
 import math
 
 from hypothesis import given
@@ -51,7 +52,7 @@ def test_an_option_of_another_form_is_refused(text):
 
 
 def test_an_option_that_the_driver_does_not_take_is_refused():
-    with pytest.raises(ConfigurationError, match='driver_options: Twenty: .*colour'):
+    with pytest.raises(ConfigurationError, match=r'driver_options: Twenty: .*colour'):
         drivers.make(Twenty, {'colour': 'red'})
 
 
@@ -96,10 +97,8 @@ def test_nothing_but_its_release_ends_an_emergency_stop(commands):
     dog = watchdog.Watchdog(0.5, 10.0)
     dog.stopped = True
     for k, (stamp, x) in enumerate(commands):
-        try:
+        with contextlib.suppress(Rejected):
             dog.command(stamp, (x, 0.0, 0.0), 0.1 * k)
-        except Rejected:
-            pass
         assert dog.rate(0.1 * k) == (watchdog.STILL, watchdog.STOPPED)
     dog.stopped = False
     dog.command(10, RATE, 100.0)

@@ -11,7 +11,9 @@ import pytest
 
 from tetra_ros2.formation import gimbal
 
-sdk = pytest.importorskip('dynamixel_sdk')
+pytest.importorskip('dynamixel_sdk')
+
+from dynamixel_sdk import PacketHandler
 
 from tetra_ros2.drivers import dynamixel
 from tetra_ros2.drivers.pan_tilt import PanTilt
@@ -34,7 +36,7 @@ def drive(head, rate, seconds, period=0.01):
 
 def test_the_checksum_is_that_of_the_makers_library():
     packet = [0xFF, 0xFF, 0xFD, 0x00, 0x01, 0x07, 0x00, 0x55, 0x00, 0x06, 0x04, 0x26]
-    assert crc(bytes(packet)) == sdk.PacketHandler(2.0).updateCRC(0, packet, len(packet))
+    assert crc(bytes(packet)) == PacketHandler(2.0).updateCRC(0, packet, len(packet))
 
 
 def test_the_attitude_is_that_of_the_servos(bus):

@@ -18,7 +18,7 @@ import yaml
 from tetra_ros2.config.share import share_directory
 
 TOP = Path(__file__).resolve().parents[2]
-NODES = {'agent', 'plant', 'monitor', 'recorder', 'launcher', 'viewer'}
+NODES = {'agent', 'plant', 'monitor', 'recorder', 'launcher', 'viewer', 'sensors', 'body'}
 
 
 def run(*command, **kwargs):

@@ -14,6 +14,9 @@ check of the arguments work without it.
 COMMANDS = {
     'agent': 'one agent',
     'plant': 'the rigid bodies, or a stand-in for the real ones',
+    'sensors': 'measure with poses from elsewhere, such as motion capture',
+    'body': 'drive a real body',
+    'stop': 'emergency stop: hold all bodies until they are released',
     'monitor': 'watch the formation and publish its error',
     'recorder': 'record the formation into a rosbag2 directory',
     'launcher': 'all of them in one process, and a summary',

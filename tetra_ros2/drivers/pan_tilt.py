@@ -4,6 +4,7 @@
 """A pan-tilt head of two Dynamixel servos on a serial line, by the maker's own library."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 import math
 import termios
 from typing import Any
@@ -189,9 +190,6 @@ class PanTilt:
 
     def close(self) -> None:
         """Stop the servos where they are, and give the port back."""
-        try:
+        with suppress(OSError):  # they may be gone already
             self.apply((0.0, 0.0, 0.0), 0.0)
-        except OSError:
-            pass  # gone already
-        finally:
-            self._port.closePort()
+        self._port.closePort()

@@ -175,8 +175,8 @@ class SimulatedBus:
             packet, data = data[begin:end], data[end:]
             if crc(packet[:-2]) == packet[-2] | packet[-1] << 8:
                 self.packets += 1
-                answer = self._answer(
-                    packet[4], packet[7], packet[8:-2].replace(b'\xff\xff\xfd\xfd', b'\xff\xff\xfd'))
+                body = packet[8:-2].replace(b'\xff\xff\xfd\xfd', b'\xff\xff\xfd')
+                answer = self._answer(packet[4], packet[7], body)
                 if answer:
                     with contextlib.suppress(OSError):
                         os.write(master, answer)

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linprog
 
-from tetra_ros2.formation import equilibria, equivalence, law, measures, sphere, stability
+from tetra_ros2.formation import equivalence, law, measures, sphere, stability
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Gain
 from tetra_ros2.formation.shapes import AdmissibleAngles
@@ -445,7 +445,7 @@ def try_starts(made: Design, starts: int, seed: int = 0, longest: float = 60.0,
     others: list[tuple[Array, int]] = []
     unsettled, came = 0, int(np.sum(formed))
     for point in gamma[active]:
-        found, left = equilibria.refine(point, weights, gain)
+        found, left = stability.refine(point, weights, gain)
         if left < 1e-8 * made.fastest and admissible.errors(found) < 1e-4:
             came += 1
             continue

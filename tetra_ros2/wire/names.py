@@ -13,11 +13,10 @@ ATTITUDES = 'formation/attitudes'
 COSINES = 'formation/cosines'
 ERROR = 'formation/error'
 MARKERS = 'formation/markers'
-DIAGNOSTICS = '/diagnostics'
+DIAGNOSTICS = 'diagnostics'
 CLOCK = '/clock'
 
 RESET = 'plant/reset'
-RANDOMIZE = 'plant/randomize'
 PAUSE = 'plant/pause'
 
 WORLD = 'world'
@@ -70,5 +69,6 @@ FORMATION_TOPICS = (
     ATTITUDES,
     COSINES,
     ERROR,
+    DIAGNOSTICS,
 )
 """Regular expressions of all the topics of a formation, relative to its namespace."""

@@ -17,7 +17,6 @@ SECTIONS = (
     'almost_global',
     'rotating',
     'simulation',
-    'polyhedra',
 )
 """The modules of this package that hold claims, in the order of the paper."""
 

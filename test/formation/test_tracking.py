@@ -1,0 +1,136 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Attitudes from elsewhere: stale, frozen and jumping ones are noticed, good ones are used."""
+
+import contextlib
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from tetra_ros2.formation import tracking
+from tetra_ros2.formation.checks import Rejected
+from tetra_ros2.formation.tracking import Tracker
+
+MS = 1_000_000
+
+
+def about_z(angle):
+    return 0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)
+
+
+def tracker():
+    return Tracker(timeout=0.2, max_rate=5.0, frozen_angle=0.1)
+
+
+def feed(track, times, angle=lambda t: t):
+    for t in times:
+        track.receive(round(t * 1e9), about_z(angle(t)), t)
+
+
+def test_nothing_is_known_before_the_first_pose():
+    assert tracker().state(0.0) == tracking.WAITING
+
+
+@given(st.lists(st.floats(-0.002, 0.002), min_size=30, max_size=30),
+       st.lists(st.booleans(), min_size=30, max_size=30))
+def test_a_moving_body_is_tracked_through_jitter_and_drop_outs(jitter, kept):
+    track = tracker()
+    for k, (late, keep) in enumerate(zip(jitter, kept)):
+        t = 1.0 + k / 120.0
+        if keep or k % 10 == 0:
+            track.receive(round(t * 1e9), about_z(2.0 * t), t + late)
+    assert track.jumps == 0
+    assert track.state(t) == tracking.TRACKED
+
+
+def test_a_body_not_heard_of_is_lost_and_found_again():
+    track = tracker()
+    feed(track, [1.0, 1.01])
+    assert track.state(1.2) == tracking.TRACKED
+    assert track.state(1.22) == tracking.LOST
+    feed(track, [3.0], lambda t: 2.5)  # wherever it may be by now
+    assert track.state(3.0) == tracking.TRACKED
+
+
+def test_a_body_told_to_turn_whose_pose_stays_the_same_is_frozen():
+    track = tracker()
+    feed(track, [1.0])
+    for k in range(1, 30):
+        track.receive(1_000_000_000 + k * 8 * MS, about_z(1.0), 1.0 + 0.008 * k)
+        track.told((0.0, 0.6, 0.0), 0.008)
+        if 0.6 * 0.008 * k > 0.1:
+            assert track.state(1.0 + 0.008 * k) == tracking.FROZEN
+        else:
+            assert track.state(1.0 + 0.008 * k) == tracking.TRACKED
+    feed(track, [1.3], lambda t: 1.001)
+    assert track.state(1.3) == tracking.TRACKED
+
+
+def test_a_body_that_is_told_nothing_may_rest():
+    track = tracker()
+    for k in range(200):
+        track.receive(1_000_000_000 + k * 8 * MS, about_z(1.0), 1.0 + 0.008 * k)
+        track.told((0.0, 0.0, 0.0), 0.008)
+    assert track.state(1.0 + 0.008 * 199) == tracking.TRACKED
+
+
+def test_a_jump_is_refused_and_the_next_good_pose_is_taken():
+    track = tracker()
+    feed(track, [1.0, 1.01])
+    with pytest.raises(Rejected, match=tracking.JUMP):
+        track.receive(1_020_000_000, about_z(2.5), 1.02)
+    feed(track, [1.03])
+    assert track.jumps == 1
+    assert track.attitude == about_z(1.03)
+
+
+def test_a_jump_that_stays_is_believed_in_the_end_and_reported_until_then():
+    track = tracker()
+    feed(track, [1.0])
+    states = []
+    t = 1.0
+    while not states or states[-1] != tracking.TRACKED or track.attitude == about_z(1.0):
+        t += 0.01
+        assert t < 1.5
+        with contextlib.suppress(Rejected):
+            track.receive(round(t * 1e9), about_z(2.9), t)
+        states.append(track.state(t))
+        if track.attitude == about_z(2.9):
+            break
+    assert 1.2 <= t <= 1.25
+    assert track.state(t) == tracking.TRACKED
+
+
+def test_poses_that_jump_about_are_never_believed():
+    track = tracker()
+    feed(track, [1.0])
+    for k in range(1, 20):
+        with pytest.raises(Rejected):
+            track.receive(round(1e9 + k * 1e7), about_z(1.0 + 1.5 * (k % 2 + 1)), 1.0 + 0.01 * k)
+    assert track.state(1.19) == tracking.TRACKED
+    assert track.state(1.21) == tracking.JUMPING
+
+
+@pytest.mark.parametrize(('pose', 'reason'), [
+    ((0.0, 0.0, 0.0, 0.0), tracking.NOT_UNIT),
+    ((0.0, 0.0, 0.1, 1.0), tracking.NOT_UNIT),
+    ((math.nan, 0.0, 0.0, 1.0), Rejected.NOT_FINITE),
+    ((0.0, 0.0, math.inf, 1.0), Rejected.NOT_FINITE),
+])
+def test_what_is_no_attitude_is_refused(pose, reason):
+    track = tracker()
+    with pytest.raises(Rejected, match=reason):
+        track.receive(1, pose, 0.0)
+    assert track.attitude is None
+
+
+def test_an_old_pose_is_refused_but_not_after_a_silence():
+    track = tracker()
+    feed(track, [1.0, 1.1])
+    with pytest.raises(Rejected, match=Rejected.OLD_STAMP):
+        track.receive(1_050_000_000, about_z(1.05), 1.11)
+    track.receive(5, about_z(0.2), 9.0)  # motion capture that was started anew
+    assert track.state(9.0) == tracking.TRACKED

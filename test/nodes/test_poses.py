@@ -1,0 +1,175 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Bodies under motion capture, alone and beside simulated ones, over DDS."""
+
+import math
+from pathlib import Path
+import time
+from types import SimpleNamespace
+
+from geometry_msgs.msg import PoseArray, PoseStamped
+import harness
+from harness import Processes
+import numpy as np
+import pytest
+from rclpy.node import Node
+from std_srvs.srv import SetBool
+
+from tetra_ros2.config.parameters import check_parameters, ConfigurationError
+from tetra_ros2.formation import tracking
+from tetra_ros2.nodes import poses
+
+MOCAP = Path(__file__).with_name('mocap.py')
+TOPIC = '/vrpn_mocap/{name}/pose'
+THETA = math.acos(-1.0 / 3.0)
+
+
+@pytest.fixture
+def programs():
+    with Processes() as started:
+        yield started
+
+
+def error(probe):
+    if not probe.received['formation/attitudes']:
+        return math.inf
+    gamma = probe.reduced_attitudes()
+    i, j = np.triu_indices(4, 1)
+    angles = np.arccos(np.clip(np.sum(gamma[i] * gamma[j], axis=1), -1.0, 1.0))
+    return float(np.max(np.abs(angles - THETA)))
+
+
+def freeze(probe, data):
+    probe.call(SetBool, 'freeze', SetBool.Request(data=data))
+
+
+def test_three_simulated_bodies_and_one_under_motion_capture_form_and_notice_that_it_freezes(
+        probe, programs):
+    programs.python(MOCAP, 4)
+    probe.listen_to_attitudes()
+    programs.tetra('launcher', '--config', 'rotating', '--mode', 'realtime', '--duration', '300',
+                   '--ros-args', '-p', 'external_bodies:=[4]', '-p', f'poses.topic:={TOPIC}',
+                   '-p', 'seed:=3')
+    probe.wait_for(lambda: error(probe) < 0.02, 'a tetrahedron')
+    freeze(probe, True)
+    frozen_at = time.monotonic()
+    probe.wait_for_health('/plant', lambda s: 'agent_4: frozen' in s.message, 'frozen')
+    # The plant reports once a second; it acts at once, and so the others stop for lack of it.
+    assert time.monotonic() - frozen_at < 2.5
+    probe.wait_for_health('/agent_1', lambda s: 'nothing heard of agent_4' in s.message, 'stopped')
+    freeze(probe, False)
+    probe.wait_for_health('/plant', lambda s: s.message == 'running', 'running again')
+    probe.wait_for(lambda: error(probe) < 0.02, 'a tetrahedron again')
+
+
+def test_four_bodies_under_motion_capture_need_no_plant(probe, programs):
+    programs.python(MOCAP, 1, 2, 3, 4)
+    probe.listen_to_attitudes()
+    programs.tetra('sensors', '--ros-args', '-p', f'poses.topic:={TOPIC}')
+    for i in range(1, 5):
+        programs.tetra('agent', '--id', i)
+    probe.wait_for(lambda: error(probe) < 0.02, 'a tetrahedron')
+    status = probe.wait_for_health('/sensors', lambda s: s.message == 'measuring', 'health')
+    assert float(harness.values(status)['measurement rate [Hz]']) > 50.0
+
+
+def test_a_pose_topic_of_another_type_is_refused_before_anything_is_started(probe):
+    probe.node.create_publisher(PoseArray, 'agent_2/pose', 1)
+    status, output, errors = harness.run('sensors')
+    assert (status, output) == (2, '')
+    assert errors == ('tetra: error: poses.topic: /agent_2/pose is of type '
+                      'geometry_msgs/msg/PoseArray, expected geometry_msgs/msg/PoseStamped\n')
+
+
+# ---------------------------------------------------------------- without another process
+
+class Listener(Node):
+    """What Poses needs of a node."""
+
+    def __init__(self, context):
+        super().__init__('listener', context=context)
+        self.rejected = []
+        self.topics = []
+        self.health = SimpleNamespace(
+            reject=lambda reason, source: self.rejected.append((str(reason), source)))
+
+    def listen(self, kind, topic, callback, profile):
+        self.topics.append((kind, topic, callback))
+
+
+@pytest.fixture
+def listener(probe):
+    node = Listener(probe.context)
+    yield node
+    node.destroy_node()
+
+
+def make(listener, monkeypatch, **given):
+    monkeypatch.setattr(poses, 'LOOK', 0.0)
+    values = check_parameters('sensors', {k.replace('__', '.'): v for k, v in given.items()})
+    return poses.Poses(listener, values, range(1, 5), 4)
+
+
+def stamped(kind, frame='lab', sec=1):
+    message = kind()
+    message.header.frame_id, message.header.stamp.sec = frame, sec
+    return message
+
+
+def test_names_and_numbers_make_the_topics(listener, monkeypatch):
+    make(listener, monkeypatch, poses__topic='/{name}/pose', poses__names=('a', 'b', 'c', 'd'))
+    assert [topic for _, topic, _ in listener.topics] == [f'/{x}/pose' for x in 'abcd']
+
+
+def test_one_array_of_all_poses_will_do(listener, monkeypatch):
+    made = make(listener, monkeypatch, poses__source='array', poses__topic='poses')
+    (kind, topic, callback), = listener.topics
+    assert (kind, topic) == (PoseArray, 'poses')
+    message = stamped(PoseArray)
+    message.poses = [PoseStamped().pose for _ in range(4)]
+    message.poses[2].orientation.w = 0.5  # not a unit quaternion
+    callback(_bytes(message))
+    assert sorted(made.attitudes()) == [0, 1, 3]
+    assert listener.rejected == [(tracking.NOT_UNIT, 'pose of agent_3')]
+    callback(b'\0\1\0\0')
+    message.poses = message.poses[:2]
+    callback(_bytes(message))
+    assert listener.rejected[1:] == [('malformed', 'poses')] * 2
+
+
+def _bytes(message):
+    from rclpy.serialization import serialize_message
+    return serialize_message(message)
+
+
+def test_poses_of_two_frames_are_not_mixed(listener, monkeypatch):
+    made = make(listener, monkeypatch)
+    for k, frame in enumerate(('lab', 'other')):
+        listener.topics[k][2](_bytes(stamped(PoseStamped, frame)))
+    assert list(made.attitudes()) == [0]
+    assert listener.rejected == [('wrong frame', 'pose of agent_2')]
+
+
+def test_transforms_of_the_bodies_are_taken_and_others_left(listener, monkeypatch):
+    made = make(listener, monkeypatch)
+    made._frame = 'world'
+    turned = SimpleNamespace(x=0.0, y=0.0, z=0.6, w=0.8)
+    stamp = SimpleNamespace(sec=1, nanosec=0)
+    made.on_transforms(SimpleNamespace(transforms=[
+        SimpleNamespace(header=SimpleNamespace(frame_id=frame, stamp=stamp),
+                        child_frame_id=child, transform=SimpleNamespace(rotation=turned))
+        for frame, child in (('world', 'agent_2'), ('agent_2', 'camera'), ('map', 'agent_3'))]))
+    assert made.attitudes() == {1: (0.0, 0.0, 0.6, 0.8)}
+    assert listener.rejected == [('wrong frame', 'pose of agent_3')]
+
+
+def test_without_tf2_msgs_it_is_said_what_to_install(listener, monkeypatch):
+    try:
+        import tf2_msgs  # noqa: F401
+    except ImportError:
+        with pytest.raises(ConfigurationError, match='apt install ros-jazzy-tf2-msgs'):
+            make(listener, monkeypatch, poses__source='tf')
+    else:
+        make(listener, monkeypatch, poses__source='tf')
+        assert listener.topics[0][1] == '/tf'

@@ -1,0 +1,146 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The driver of one real body: it takes the commands of an agent, and tells the body's attitude.
+
+Between the two stands a watchdog: silence, or a command too fast, holds the body, and the service
+``body_<i>/stop`` holds it until it is released. A body that cannot be reached is reported, and
+tried again until it is back.
+"""
+
+from contextlib import suppress
+from functools import partial
+import time
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from std_srvs.srv import SetBool
+
+from tetra_ros2 import drivers
+from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.drivers.watchdog import TURNING, WAITING, Watchdog
+from tetra_ros2.formation.checks import Rejected
+from tetra_ros2.ros import diagnostics, executor, parameters, qos
+from tetra_ros2.ros.node import FormationNode, raw_publish
+from tetra_ros2.wire import cdr, names
+
+RETRY = 0.5
+"""How long to wait before a body that was lost is tried again [s]."""
+
+
+class Body(FormationNode):
+    """
+    The node ``body_<i>``.
+
+    :param i: whose body it drives, from 1
+    :param kwargs: what rclpy's Node takes beside its name
+    :raises ConfigurationError: if a parameter is not valid, or the body cannot be reached
+    """
+
+    def __init__(self, i: int, **kwargs: Any) -> None:
+        if i < 1:
+            raise ConfigurationError(f'{i} is not valid, expected an agent, from 1', key='--id')
+        super().__init__(names.body(i), **kwargs)
+        values = parameters.declare(self, 'body', self._accept, lambda _: None)
+        self._i = i
+        self._kind = drivers.find(values['driver'])
+        self._options = drivers.options(values['driver_options'])
+        try:
+            self._driver: Any = drivers.make(self._kind, self._options, self)
+        except OSError as error:
+            raise ConfigurationError(str(error), key='driver') from None
+        self.watchdog = Watchdog(values['command_timeout'], values['max_angular_velocity'])
+        self._lost = ''  # why the body cannot be reached, if it cannot
+        self._lost_at = 0.0
+        self.losses = self.applied = self.poses = 0
+        self._decode = cdr.twist_stamped(names.body_frame(i)).decode
+        self._encode = cdr.StampedNumbers(names.WORLD, 7).encode
+        self._send = raw_publish(self.offer(PoseStamped, names.pose(i), qos.NEWEST, True))
+        self.listen(TwistStamped, names.cmd_vel(i), self._on_command, qos.COMMANDS)
+        self.create_service(SetBool, names.stop(names.body(i)), self._on_stop)
+        self.report_health()
+        self._period = 1.0 / values['rate']
+        self._timer = self.create_steady_timer(self._period, self._on_timer)
+
+    @staticmethod
+    def _accept(values: Any) -> None:
+        drivers.find(values['driver'])
+        drivers.options(values['driver_options'])
+
+    def close(self) -> None:
+        """Hold the body, and let go of it."""
+        self._timer.cancel()
+        if self._driver is not None:
+            with suppress(OSError):  # it may be out of reach already
+                self._driver.apply((0.0, 0.0, 0.0), self._period)
+            self._let_go()
+
+    def _let_go(self) -> None:
+        driver, self._driver = self._driver, None
+        if driver is not None and hasattr(driver, 'close'):
+            driver.close()
+
+    def _on_command(self, message: bytes) -> None:
+        try:
+            stamp, (_, _, _, x, y, z) = self._decode(message)
+            self.watchdog.command(stamp, (x, y, z), time.monotonic())
+        except Rejected as rejection:
+            self.health.reject(rejection, names.agent(self._i))
+
+    def _on_stop(self, request: Any, response: Any) -> Any:
+        self.watchdog.stopped = request.data
+        if request.data:
+            self._on_timer()  # at once
+        self.get_logger().warning(f'emergency stop {"" if request.data else "released"}'.strip())
+        response.success = True
+        response.message = 'stopped' if request.data else 'released'
+        return response
+
+    def _on_timer(self) -> None:
+        now = time.monotonic()
+        if self._driver is None:
+            if now - self._lost_at < RETRY:
+                return
+            self._lost_at = now
+            try:
+                self._driver = drivers.make(self._kind, self._options, self)
+            except (OSError, ConfigurationError) as error:
+                self._lost = str(error)
+                return
+            self._lost = ''
+            self.get_logger().info('the body is back')
+        try:
+            rate, _ = self.watchdog.rate(now)
+            self._driver.apply(rate, self._period)
+            self.applied += 1
+            if hasattr(self._driver, 'attitude'):
+                attitude = self._driver.attitude()
+                if attitude is not None:
+                    stamp = self.get_clock().now().nanoseconds
+                    self._send(self._encode(stamp, 0.0, 0.0, 0.0, *attitude))
+                    self.poses += 1
+        except OSError as error:
+            self._lost, self._lost_at = str(error), now
+            self.losses += 1
+            self.get_logger().error(f'the body is lost: {error}')
+            self._let_go()
+
+    def assess(self) -> tuple[bytes, str, dict[str, Any]]:
+        """Return level, message and figures for the diagnostics."""
+        _, state = self.watchdog.rate(time.monotonic())
+        values = {'driver': self._kind.__name__, 'losses': self.losses,
+                  **self.health.rates({'apply rate [Hz]': self.applied,
+                                       'pose rate [Hz]': self.poses})}
+        if self._lost:
+            return diagnostics.ERROR, f'the body is lost: {self._lost}; {state}', values
+        if limits := getattr(self._driver, 'at_limit', ()):
+            return diagnostics.WARN, f'{state}; at a limit: {", ".join(limits)}', values
+        level = {TURNING: diagnostics.OK, WAITING: diagnostics.WARN}.get(state, diagnostics.ERROR)
+        return level, state, values
+
+
+def main(i: int, config: Any = None, arguments: Any = ()) -> int:
+    """Drive body i until it is signalled; see :func:`tetra_ros2.ros.executor.run`."""
+    status: int = executor.run(partial(Body, i), config, arguments)
+    return status

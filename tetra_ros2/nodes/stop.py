@@ -1,0 +1,69 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The emergency stop of all that there is to stop: the plant, and every driver of a body."""
+
+import re
+import sys
+import time
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.node import Node
+from std_srvs.srv import SetBool
+
+from tetra_ros2.ros import executor
+
+PATIENCE = 3.0
+"""How long to look for services, and to wait for their answers [s]."""
+
+SETTLED = 1.0
+"""How long no new service may have turned up before that is taken to be all of them [s]."""
+
+
+def main(data: bool, namespace: str = '', arguments: Any = ()) -> int:
+    """
+    Stop all bodies, or release them.
+
+    :param data: whether to stop
+    :param namespace: of the formation, ``/a/b``, or nothing
+    :param arguments: arguments as after ``--ros-args``
+    :returns: 0 if there were any and all of them answered, otherwise 1
+    """
+    executor.local_by_default()
+    context = Context()
+    executor.initialize(context, ['--ros-args', *arguments])
+    node = Node('stop', context=context, namespace=namespace or None, use_global_arguments=True)
+    spinner = executor.make_executor(context)
+    spinner.add_node(node)
+    pattern = re.compile(re.escape(namespace) + r'/(plant|body_\d+)/stop')
+    asked: dict[str, Any] = {}
+    clients = {}
+    try:
+        begun = last = time.monotonic()
+        while (now := time.monotonic()) - begun < PATIENCE:
+            for name, types in node.get_service_names_and_types():
+                if name not in clients and pattern.fullmatch(name) \
+                        and 'std_srvs/srv/SetBool' in types:
+                    clients[name] = node.create_client(SetBool, name)
+                    last = now
+            for name, client in clients.items():
+                if name not in asked and client.service_is_ready():
+                    asked[name] = client.call_async(SetBool.Request(data=data))
+            answered = all(name in asked and asked[name].done() for name in clients)
+            if clients and answered and now - last > SETTLED:
+                break
+            spinner.spin_once(timeout_sec=0.02)
+        missed = 0
+        for name in sorted(clients):
+            done = name in asked and asked[name].done() and asked[name].result().success
+            missed += not done
+            print(f'{name}: {asked[name].result().message if done else "no answer"}')
+        if not clients:
+            print('tetra: error: there is nothing to stop: no plant and no body was found',
+                  file=sys.stderr)
+        return int(missed > 0 or not clients)
+    finally:
+        spinner.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
