@@ -94,7 +94,7 @@ def _kkt_points(rng: np.random.Generator, starts: int) -> np.ndarray:
        "Newton's method from 2000 starts for each set of active constraints: all it finds are "
        'these, and all of these are found')
 def _kkt(system: SystemUnderTest) -> Result:
-    points = _kkt_points(system.rng, 2000)
+    points = _kkt_points(system.rng, system.times(2000))
     printed = np.array(list(KKT_POINTS))
     apart = np.max(np.abs(points[:, None] - printed), axis=-1)
     found = set(np.argmin(apart, axis=1).tolist())
