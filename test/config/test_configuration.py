@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import assert_close
+import yaml
 
+from tetra_ros2.config import configuration
 from tetra_ros2.config.configuration import (
     find_file,
     formation_from_parameters,
@@ -572,3 +574,34 @@ def test_a_file_in_the_working_directory_goes_before_one_that_ships(tmp_path, mo
     assert find_file('rotating').parent == share_directory() / 'config'
     (tmp_path / 'rotating').write_text(everywhere('rate: 5.0'))
     assert load('rotating').values('plant')['rate'] == 5.0
+
+
+# Where a value stops being valid
+
+@pytest.mark.parametrize(('length', 'accepted'), [
+    (1.0 + 0.9e-3, True), (1.0 - 0.9e-3, True), (1.0 + 1.1e-3, False), (1.0 - 1.1e-3, False)])
+def test_a_quaternion_may_be_a_thousandth_off_unit_length(length, accepted):
+    given = {'initial_attitudes': [0.0, 0.0, 0.0, length]}
+    if accepted:
+        assert_close(initial_attitudes(given, 1), [[0.0, 0.0, 0.0, 1.0]], atol=1e-15)
+    else:
+        with pytest.raises(ConfigurationError, match='unit'):
+            initial_attitudes(given, 1)
+
+
+@pytest.mark.parametrize(('text', 'value'), [
+    ('017', 15), ('-017', -15), ('0', 0), ('00', 0), ('07', 7), ('010', 8), ('089', 89),
+    ('0x1F', 31), ('17', 17)])
+def test_an_integer_that_begins_with_zero_is_octal_as_rcl_has_it(text, value):
+    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    assert configuration._scalar(node) == value
+
+
+@pytest.mark.parametrize(('seed', 'accepted'), [
+    (-2, False), (-1, True), (0, True), (2**63 - 1, True), (2**63, False)])
+def test_a_seed_is_what_an_integer_parameter_can_hold(seed, accepted):
+    if accepted:
+        assert check_parameters('plant', {'seed': seed})['seed'] == seed
+    else:
+        with pytest.raises(ConfigurationError, match='seed'):
+            check_parameters('plant', {'seed': seed})

@@ -93,3 +93,12 @@ def test_a_gain_of_ones_own_is_compiled_where_numba_can(family):
     assert np.all(formed > 0)
     assert np.array_equal(formed, batch.run(*given)[0])
     assert np.max(np.abs(last - batch.run(*given)[1])) < 1e-10
+
+
+@pytest.mark.parametrize('angles', [[0.0], [np.pi], [1e-3], [np.pi - 1e-3]], ids=str)
+def test_a_target_at_the_end_of_its_range_is_reached(angles):
+    gamma = np.array([[[1.0, 0.0, 0.0], [np.cos(angles[0]), np.sin(angles[0]), 0.0]]])
+    still = np.zeros((2, 2))
+    for follow in (batch.run, batch.compiled(gain.Cosine())):
+        formed, _ = follow(gamma, still, gain.Cosine(), angles, 0.02, 0.01, 50, 10)
+        assert formed.tolist() == [0], follow

@@ -9,6 +9,7 @@ import pytest
 
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import identify, rotation, shapes, topology
+from tetra_ros2.formation import law as laws
 
 GRAPHS = {
     'complete': topology.complete(4),
@@ -47,3 +48,22 @@ def test_motion_that_does_not_tell_the_neighbours_apart_is_not_explained():
     gamma = np.broadcast_to(shapes.TETRAHEDRON.points, (50, 4, 3))
     rates = np.zeros_like(gamma)
     assert identify.identify(gamma, rates, seen(GRAPHS['complete'], gains.Cosine())[2]) is None
+
+
+@pytest.mark.parametrize(('noise', 'explained'), [(3e-4, True), (5e-3, False)])
+def test_commands_are_explained_if_a_gain_fits_to_a_thousandth(noise, explained):
+    gamma, rates, edges = seen(GRAPHS['complete'], gains.Exponential())
+    size = np.sqrt(np.mean(rates**2))
+    noisy = rates + noise * size * np.random.default_rng(1).standard_normal(rates.shape)
+    law = identify.identify(gamma, noisy, edges)
+    assert (law is not None) is explained
+
+
+def test_two_neighbours_in_one_direction_are_not_told_apart():
+    gamma, rates, edges = seen(GRAPHS['complete'], gains.Exponential())
+    gamma = gamma.copy()
+    gamma[:, 3] = gamma[:, 2]
+    graph = GRAPHS['complete']
+    rates = np.array([laws.world_angular_velocity(points, graph.weights, gains.Exponential())
+                      for points in gamma])
+    assert identify.identify(gamma, rates, edges) is None

@@ -163,3 +163,13 @@ def test_the_mean_angular_velocity_of_many_formations_is_that_of_each():
     turns = rng.uniform(-1.0, 1.0, (3, 2, 3))
     after = rotation.rotate(rotation.exp(turns)[..., None, :], gamma)
     assert_close(measures.mean_angular_velocity(gamma, after, 0.5), turns / 0.5, atol=1e-12)
+
+
+@pytest.mark.parametrize('off', [1e-2, 1e-4, 1e-6])
+def test_agents_a_little_off_a_line_tell_how_they_turn_about_it(off):
+    before = np.array([[0.0, 0.0, 1.0], [off, 0.0, -1.0], [0.0, off, 1.0]])
+    before /= np.linalg.norm(before, axis=1, keepdims=True)
+    turn = np.array([0.0, 0.0, 0.3])
+    after = rotation.rotate(rotation.exp(turn), before)
+    found = measures.mean_angular_velocity(before, after, 1.0)
+    np.testing.assert_allclose(found, turn, atol=1e-3)

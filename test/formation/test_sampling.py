@@ -137,3 +137,56 @@ def test_predicted_noise_is_what_the_loop_shows():
             off.append(measures.pairwise_angles(np.array(loop.bodies.reduced)) - limit)
         assert np.std(off, axis=0) == pytest.approx(deviation, rel=0.1)
         assert np.mean(np.max(np.abs(off), axis=1)) == pytest.approx(mean_largest, rel=0.05)
+
+
+@pytest.mark.parametrize('graph', [COMPLETE, ROTATING], ids=lambda graph: graph.kind)
+def test_the_covariance_that_noise_leaves_solves_the_equation_it_is_the_limit_of(graph):
+    there = sampling.sampled_equilibrium(TETRAHEDRON, graph.weights, Cosine(), 0.1, 2)
+    matrix, across = there._history_matrix()
+    m = len(there.at_once)
+    noise = across.T[:, :m] @ there.noise @ across[:m]
+    size = len(matrix)
+    solved = np.linalg.solve(np.eye(size**2) - np.kron(matrix, matrix), noise.ravel())
+    attitude = across[:m] @ solved.reshape(size, size) @ across[:m].T
+    # To first order an angle moves as the two directions turn apart.
+    gamma = there.gamma
+    i, j = np.triu_indices(4, k=1)
+    normal = np.cross(gamma[i], gamma[j])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    rows = np.zeros((6, 4, 3))
+    for row, (a, b) in enumerate(zip(i, j)):
+        rows[row, a] = -rotation.rotate(rotation.inverse(there.attitudes[a]), normal[row])
+        rows[row, b] = rotation.rotate(rotation.inverse(there.attitudes[b]), normal[row])
+    rows = rows.reshape(6, 12)
+    expected = np.sqrt(np.diag(rows @ attitude @ rows.T))
+    assert there.steady_angles(1.0)[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_noise_turns_an_antipodal_pair_in_two_directions():
+    graph, gain, h, sigma = topology.complete(2), Exponential(), 0.1, 1e-3
+    gamma = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    there = sampling.sampled_equilibrium(gamma, graph.weights, gain, h)
+    deviation, mean_error = there.steady_angles(sigma)
+    # Each of the two components is a Gaussian of the same size: the angle is Rayleigh's.
+    assert mean_error == pytest.approx(deviation[0] * np.sqrt(np.pi) / 2.0, rel=0.02)
+    loop = SampledLoop(there.attitudes, AXES[:2], graph, gain, noise=sigma, seed=3)
+    loop.advance(h, 100)
+    off = []
+    for _ in range(4000):
+        loop.advance(h)
+        off.append(np.pi - measures.pairwise_angles(np.array(loop.bodies.reduced))[0])
+    assert np.mean(off) == pytest.approx(mean_error, rel=0.1)
+
+
+def test_the_delay_limit_of_the_spinning_formation_does_not_depend_on_how_finely_it_is_sought():
+    limit = sampling.max_delay(TETRAHEDRON, ROTATING.weights, Cosine())
+    h = limit / 1500.0
+    steps = sampling._max_delay_steps_spinning(TETRAHEDRON, ROTATING.weights, Cosine(), h, 1500)
+    assert (steps + 0.5) * h == pytest.approx(limit, rel=3e-3)
+
+
+def test_at_the_sample_time_limit_itself_no_delay_is_stable():
+    values = stability.transverse(TETRAHEDRON, COMPLETE.weights, Cosine()).eigenvalues
+    limit = sampling.max_sample_time_at_rest(values)
+    assert sampling.max_delay_steps_at_rest(values, limit) == -1
+    assert sampling.max_delay_steps_at_rest(values, 0.999 * limit) == 0

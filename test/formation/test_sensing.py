@@ -79,7 +79,8 @@ def test_a_repetition_is_no_new_measurement():
     assert sensors.seen_by(0, OTHERS[0]) != first
 
 
-@pytest.mark.parametrize(('delay', 'steps'), [(0.0, 0), (0.01, 1), (0.03, 3), (0.0301, 4)])
+@pytest.mark.parametrize(('delay', 'steps'), [(0.0, 0), (0.01, 1), (0.03, 3), (0.0301, 4),
+                                                (0.0300001, 4), (0.1 + 0.2, 30), (1.0, 100)])
 def test_a_delay_is_rounded_up_to_whole_steps(delay, steps):
     assert delay_in_steps(delay, 0.01) == steps
 

@@ -11,7 +11,7 @@ from strategies import any_gain, assert_close, formations, quaternions
 
 from tetra_ros2.formation import law, measures, rotation, shapes, sphere
 from tetra_ros2.formation import topology as topologies
-from tetra_ros2.formation.gain import Cosine
+from tetra_ros2.formation.gain import Cosine, Exponential
 from tetra_ros2.formation.topology import Topology
 
 ROUNDING = 1e-14
@@ -167,3 +167,10 @@ def test_near_the_tetrahedron_the_prediction_is_that_of_the_nearest(gamma, offse
     assert_close(
         shapes.predicted_angular_velocity(near, topology, gain),
         shapes.predicted_angular_velocity(gamma, topology, gain), atol=4.0 * offset)
+
+
+@pytest.mark.parametrize(('gain', 'reserved'), [
+    (Cosine(), True), (Exponential(), False), (Exponential(b=5.0), False)], ids=str)
+def test_a_pair_approaches_the_antipodal_shape_slowly_only_where_the_gain_vanishes(
+        gain, reserved):
+    assert (shapes.reservation(topologies.complete(2), gain) is not None) is reserved

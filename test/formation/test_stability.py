@@ -212,3 +212,21 @@ def test_stability_is_said_in_a_word():
     pair = found_under(topology.complete(2).weights, Cosine(), 50)[0]
     assert {entry.kind: entry.stability for entry in pair} == {
         'consensus': 'unstable', '1 against 1': 'undecided'}
+
+
+@pytest.mark.parametrize(('real', 'expected'), [
+    (1e-6, (1, 0, 1)), (1e-8, (1, 0, 1)), (1e-10, (0, 1, 1)), (0.0, (0, 1, 1)),
+    (-1e-6, (0, 0, 2)), (-1e-10, (0, 1, 1))])
+def test_a_real_part_is_zero_only_to_rounding(real, expected):
+    for scale in (1e-3, 1.0, 1e3):
+        assert stability.inertia(scale * np.array([real, -1.0])) == expected
+
+
+@pytest.mark.parametrize('saddle', [
+    [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], [[1, 0, 0], [1, 0, 0], [-1, 0, 0], [-1, 0, 0]],
+    [[1, 0, 0]] * 4], ids=['cross', '2 against 2', 'consensus'])
+def test_settling_goes_on_from_a_saddle_to_what_attracts(saddle):
+    nearly = sphere.normalize(
+        np.array(saddle, float) + 1e-5 * np.random.default_rng(2).standard_normal((4, 3)))
+    end = stability.settle(nearly, COMPLETE, Exponential())
+    assert stability.classify(end) == 'tetrahedron'

@@ -1,0 +1,19 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What an analysis says of the graph."""
+
+import pytest
+
+from tetra_ros2.formation import complete, custom, Exponential, Formation
+
+FOLLOWERS = [(i, j) for i, j, _ in complete(4).edges if i != 1]
+"""Agent 1 sees nobody and everybody sees it: connected, but not strongly."""
+
+
+@pytest.mark.parametrize(('edges', 'strongly'), [
+    (FOLLOWERS, False), ([*FOLLOWERS, (1, 2)], True)])
+def test_a_graph_is_strongly_connected_if_everybody_is_seen_by_everybody(edges, strongly):
+    found = Formation(custom(4, edges), Exponential()).analyze()
+    assert found.strongly_connected is strongly
+    assert found.edges == len(edges)

@@ -1,0 +1,24 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The lower confidence bound of a chance, where it is known in closed form."""
+
+import math
+
+import pytest
+
+from tetra_ros2.study.confidence import lower_bound
+
+
+def tail(p, least, starts):
+    """Return the chance of at least so many, exactly."""
+    return sum(math.comb(starts, k) * p**k * (1.0 - p) ** (starts - k)
+               for k in range(least, starts + 1))
+
+
+@pytest.mark.parametrize('starts', [2, 5, 20])
+def test_the_bound_is_where_so_many_or_more_have_the_chance_of_the_doubt(starts):
+    for formed in range(1, starts + 1):
+        for confidence in (0.9, 0.95, 0.99):
+            bound = lower_bound(formed, starts, confidence)
+            assert tail(bound, formed, starts) == pytest.approx(1.0 - confidence, rel=1e-6)
