@@ -7,19 +7,29 @@ A rosbag2 directory that is written by a process of its own.
 To make a file of messages costs more of the processor than to receive them. So the recorder hands
 them on as they are, many at a time, and this module, run as a program, has rosbags write them. If
 it cannot keep up the recorder waits for it. It ends when the recorder does, however that ends: a
-recorder that was killed leaves a whole bag too.
+recorder that was killed leaves a whole bag too. If this process itself is killed, what came more
+than a second before is on the disk, and :mod:`tetra_ros2.recording.recover` makes a bag of it.
 """
 
 from contextlib import suppress
 import marshal
 import os
 from pathlib import Path
+import select
 import signal
+import struct
 import subprocess
 import sys
+import time
 
 PIPE_SIZE = 1 << 20
 """How much may wait to be written before the recorder waits [bytes], where it can be chosen."""
+
+
+FLUSH_PERIOD = 0.4
+"""How long a message may wait before it is put on the disk [s]."""
+
+_LENGTH = struct.Struct('<I')
 
 
 class BagError(Exception):
@@ -95,8 +105,9 @@ class BagWriter:
             self._process.stdin.close()
 
     def _tell(self, what):
+        message = marshal.dumps(what)
         try:
-            marshal.dump(what, self._process.stdin)
+            self._process.stdin.write(_LENGTH.pack(len(message)) + message)
             self._process.stdin.flush()
         except BrokenPipeError:
             self._answer()
@@ -117,7 +128,7 @@ def main(path, storage):
     # Whoever ends the recorder ends the input; a signal to all must not tear the bag.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    requests, answers = sys.stdin.buffer, sys.stdout.buffer
+    answers = sys.stdout.buffer
 
     def answer(error, value=None):
         try:
@@ -126,53 +137,100 @@ def main(path, storage):
         except BrokenPipeError:
             sys.stdout = None  # nobody is left to hear it
 
-    import apsw
-    from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
-    plugin = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}[storage]
+    bag = None
     try:
-        writer = Writer(Path(path), version=9, storage_plugin=plugin)
-        writer.open()
+        # Where rosbags lacks something, the recorder is to say so, too.
+        from tetra_ros2.recording.bag import Bag
+        bag = Bag(Path(path), storage)
         answer(None)
-        _serve(writer, requests, answer)
-        writer.close()
-    except (OSError, apsw.Error, WriterError) as error:
-        answer(getattr(error, 'strerror', None) or str(error))
+        _serve(bag, sys.stdin.buffer.raw, answer)
+        bag.close()
+    # A full disk is an OSError or one of SQLite's, and rosbags has errors of its own; whatever
+    # ends the recording, the recorder is to know of it.
+    except Exception as error:
+        kept = bag is not None and _salvage(bag)
+        answer(f'{_reason(error)}{"" if kept or bag is None else _TORN.format(path)}')
         return 1
     answer(None)
     return 0
 
 
-def _serve(writer, requests, answer):
-    """Do what the recorder asks for until it ends."""
-    connections, latest = [], 0
+_TORN = '; the recording is torn: tetra recover {}'
+
+
+def _reason(error):
+    """Return in one line what an error is about."""
+    text = getattr(error, 'strerror', None) or str(error) or type(error).__name__
+    return text.splitlines()[0].rstrip('.')
+
+
+def _salvage(bag):
+    """Complete a bag that cannot be written any more; return whether that was possible."""
+    try:
+        bag.salvage()
+    except Exception:  # it was in trouble already, and there is one more way to get at it
+        with suppress(Exception):
+            bag.abort()
+        return False
+    return True
+
+
+def _serve(bag, requests, answer):
+    """Do what the recorder asks for until it ends, and put it on the disk in time."""
+    topics, due = [], None
     while True:
-        try:
-            request = marshal.load(requests)
-        except EOFError:
+        if bag.dirty:
+            now = time.monotonic()
+            if due is None:
+                due = now + FLUSH_PERIOD
+            # An input that never pauses must not put it off.
+            if now >= due or not select.select([requests], [], [], due - now)[0]:
+                bag.flush()
+                due = None
+                continue
+        request = _next(requests)
+        if request is None:
             return
         if isinstance(request, tuple):
-            connection = _add(writer, *request)
-            if connection is None:
+            topic = _add(bag, *request)
+            if topic is None:
                 answer(None)
             else:
-                answer(None, len(connections))
-                connections.append(connection)
+                answer(None, len(topics))
+                topics.append(topic)
         else:
-            for number, time, message in request:
-                # The system's clock may be set back; a bag's may not.
-                latest = max(latest, time)
-                writer.write(connections[number], latest, message)
+            bag.write([(topics[number], at, message) for number, at, message in request])
 
 
-def _add(writer, name, type_name, type_hash, profiles):
+def _next(requests):
+    """Return the next request, or None if there is none to come."""
+    head = _read(requests, _LENGTH.size)
+    body = head and _read(requests, *_LENGTH.unpack(head))
+    # The recorder may have been killed in the middle of a request.
+    return marshal.loads(body) if body else None
+
+
+def _read(stream, count):
+    """Return so many bytes, or None if the stream ends before."""
+    content, begun = bytearray(count), 0
+    with memoryview(content) as view:
+        while begun < count:
+            got = stream.readinto(view[begun:])
+            if not got:
+                return None
+            begun += got
+    return content
+
+
+def _add(bag, name, type_name, type_hash, profiles):
+    # The recorder needs nothing of these, only the process that writes.
     from rosbags.typesys import get_typestore, Stores
     from rosbags.typesys.base import TypesysError
     try:
         definition, _ = get_typestore(Stores.ROS2_JAZZY).generate_msgdef(type_name, ros_version=2)
     except (KeyError, TypesysError):
         return None
-    return writer.add_connection(name, type_name, msgdef=definition, rihs01=type_hash,
-                                 offered_qos_profiles=[_profile(*p) for p in profiles])
+    return bag.add(name, type_name, definition, type_hash, [_profile(*p) for p in profiles])
 
 
 def _profile(history, depth, reliability, durability, deadline, lifespan, liveliness, lease,

@@ -1,0 +1,246 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+A rosbag2 directory that can be read however the process that writes it ends.
+
+rosbags writes the files. Its storages keep what they have until a chunk of MCAP is a megabyte
+long, and SQLite's single transaction until the end; these here put it on the disk when they are
+told to. A bag says in its metadata that it is not finished until it is.
+"""
+
+from collections import defaultdict
+from concurrent.futures import Future, ThreadPoolExecutor
+from copy import copy
+import errno
+from io import BytesIO, FileIO
+import os
+from pathlib import Path
+import struct
+import time
+from typing import Any, ClassVar
+
+from rosbags.interfaces import Connection, Qos
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.enums import CompressionMode
+from rosbags.rosbag2.storage_mcap import McapWriter, PendingChunk
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
+
+UNFINISHED = 'tetra_ros2_unfinished'
+"""A key in the custom data of the metadata of a bag that is still being written, or was torn."""
+
+DESCRIPTION_PERIOD = 10.0
+"""How often the counts in the metadata are brought up to date [s]."""
+
+_CHUNK_SIZE = 1 << 20
+_MESSAGE = struct.Struct('<BQHIQQ')
+_MESSAGE_OPCODE, _MESSAGE_HEAD = 5, 22
+
+
+class _File(FileIO):
+    """A file that writes all that it is given, or raises an error; nothing waits in a buffer."""
+
+    def write(self, data: Any) -> int:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[super().write(rest):]
+        return len(data)
+
+
+class _Mcap(McapWriter):
+    """An MCAP file that closes a chunk when it is told to."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        self.bio.close()
+        self.bio = _File(self.path, 'r+')
+        self.bio.seek(0, os.SEEK_END)
+        self._good = self.bio.tell(), self.message_end_time
+        self._disk = ThreadPoolExecutor(1, 'disk')
+        self._synced: Future[None] | None = None
+
+    def write_many(self, rows: list[tuple[int, int, bytes]]) -> None:
+        """Write messages: number of the connection, time [ns], bytes."""
+        for number, at, data in rows:
+            chunk = self.chunk
+            chunk.msgs[number].append((at, chunk.bio.tell()))
+            chunk.bio.write(_MESSAGE.pack(
+                _MESSAGE_OPCODE, _MESSAGE_HEAD + len(data), number, 0, at, at))
+            chunk.bio.write(data)
+            if chunk.bio.tell() > _CHUNK_SIZE:
+                self.close_chunk()
+
+    def close_chunk(self) -> None:
+        """Write the chunk that is open into the file."""
+        chunk = self.chunk
+        counts = {number: len(messages) for number, messages in chunk.msgs.items()}
+        # A chunk without messages, of channels alone, has no time; the format wants 0 there.
+        times = [at for messages in chunk.msgs.values() for at, _ in messages] or [0]
+        chunk.message_start_time, chunk.message_end_time = min(times), max(times)
+        super().close_chunk()
+        if counts:
+            self.message_start_time = min(self.message_start_time, min(times))
+            self.message_end_time = max(self.message_end_time, max(times))
+        for number, count in counts.items():
+            self.channel_stats[number] += count
+        self._good = self.bio.tell(), self.message_end_time
+
+    def flush(self) -> None:
+        """Put all messages on the disk, that is, into the system's hands; it is told to hurry."""
+        if self.chunk.msgs:
+            self.close_chunk()
+        if self._synced is None or self._synced.done():
+            self._wait()
+            # Not waited for: a disk may take longer than there is time between two messages.
+            self._synced = self._disk.submit(os.fdatasync, self.bio.fileno())
+
+    def _wait(self) -> None:
+        synced, self._synced = self._synced, None
+        if synced is not None:
+            synced.result()
+
+    def rewind(self) -> dict[int, int]:
+        """Take back what is not on the disk as a whole; return what is, by connection."""
+        end, self.message_end_time = self._good
+        self.bio.truncate(end)
+        self.bio.seek(end)
+        self.chunk = PendingChunk(2**63 - 1, 0, BytesIO(), defaultdict(list))
+        self._synced = None
+        return dict(self.channel_stats)
+
+    def close(self, version: int, metadata: str) -> None:
+        """Complete the file."""
+        if self.chunk.bio.tell():
+            self.close_chunk()
+        descriptor = os.dup(self.bio.fileno())
+        try:
+            super().close(version, metadata)
+            self._wait()
+            os.fdatasync(descriptor)
+        finally:
+            os.close(descriptor)
+
+    def abort(self) -> None:
+        """Leave the file as it is."""
+        self._disk.shutdown()
+        super().abort()
+
+
+class _Sqlite(Sqlite3Writer):
+    """An SQLite file that commits when it is told to."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        # Between two commits the file is left alone: it can be read as it is when all has died.
+        self.conn.execute('PRAGMA cache_spill = OFF')
+
+    def write_many(self, rows: list[tuple[int, int, bytes]]) -> None:
+        """Write messages: number of the connection, time [ns], bytes."""
+        self.cursor.executemany(
+            'INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)', rows)
+
+    def flush(self) -> None:
+        """Put all messages on the disk."""
+        self.conn.commit()
+
+    def rewind(self) -> dict[int, int]:
+        """Take back what is not on the disk as a whole; return what is, by connection."""
+        self.conn.rollback()
+        return dict(self.conn.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id'))
+
+
+class _Described:
+    """Stands for the storage when only the metadata of a bag are to be written."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def close(self, version: int, metadata: str) -> None:
+        """Do nothing: the storage goes on."""
+
+
+class _Writer(Writer):
+    STORAGE_PLUGINS: ClassVar = {StoragePlugin.MCAP: _Mcap, StoragePlugin.SQLITE3: _Sqlite}
+
+
+class Bag:
+    """
+    A bag to write.
+
+    :param path: directory to make
+    :param storage: ``mcap`` or ``sqlite3``
+    :raises OSError, sqlite3.Error, rosbags.rosbag2.WriterError: here and below, if the bag cannot
+        be written
+    """
+
+    def __init__(self, path: Path, storage: str) -> None:
+        self._writer = _Writer(
+            path, version=9,
+            storage_plugin={'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}[storage])
+        self._writer.open()
+        self._storage: Any = self._writer.storage
+        self._counts: dict[int, int] = {}
+        self._start, self._end = self._writer.min_timestamp, 0
+        self._described = -DESCRIPTION_PERIOD
+        self.dirty = False
+
+    def add(self, topic: str, type_name: str, definition: str, type_hash: str,
+            profiles: list[Qos] | tuple[Qos, ...] = ()) -> int:
+        """Announce a topic; return its number for :meth:`write`."""
+        connection: Connection = self._writer.add_connection(
+            topic, type_name, msgdef=definition, rihs01=type_hash, offered_qos_profiles=profiles)
+        self._counts[connection.id] = 0
+        self._described = -DESCRIPTION_PERIOD
+        self.dirty = True
+        return connection.id
+
+    def write(self, rows: list[tuple[int, int, bytes]]) -> None:
+        """Write messages: number of the topic, time [ns], bytes."""
+        self._storage.write_many(rows)
+        counts = self._counts
+        for number, at, _ in rows:
+            counts[number] += 1
+            if at > self._end:
+                self._end = at
+            if at < self._start:
+                self._start = at
+        self.dirty = True
+
+    def flush(self) -> None:
+        """Put on the disk what was written, so that it can be read whatever happens next."""
+        if not self._storage.path.exists():
+            # Else the system would go on to write into a file that nobody can find any more.
+            raise FileNotFoundError(errno.ENOENT, 'it was removed', str(self._storage.path))
+        self._storage.flush()
+        self.dirty = False
+        if time.monotonic() - self._described >= DESCRIPTION_PERIOD:
+            self._describe()
+            self._described = time.monotonic()
+
+    def _describe(self) -> None:
+        """Write the metadata of a bag that is not finished."""
+        description = copy(self._writer)
+        description.storage = _Described(self._storage.path)
+        description.counts = dict(self._counts)
+        description.min_timestamp = self._start if any(self._counts.values()) else 0
+        description.max_timestamp = self._end
+        description.custom_data = {UNFINISHED: 'true'}
+        description.close()
+
+    def close(self) -> None:
+        """Complete the bag."""
+        self.flush()
+        self._writer.counts = dict(self._counts)
+        self._writer.min_timestamp, self._writer.max_timestamp = self._start, self._end
+        self._writer.close()
+
+    def salvage(self) -> None:
+        """Complete the bag with what is safe, where something could not be written."""
+        self._counts = {**dict.fromkeys(self._counts, 0), **self._storage.rewind()}
+        self._writer.counts = dict(self._counts)
+        self._writer.min_timestamp, self._writer.max_timestamp = self._start, self._end
+        self._writer.close()
+
+    def abort(self) -> None:
+        """Leave the bag as it is."""
+        self._writer.abort()
