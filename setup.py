@@ -23,7 +23,7 @@ if not {'bdist_wheel', 'dist_info', 'editable_wheel'}.intersection(sys.argv):
 extras = {
     # For a machine without ROS 2. Whoever has it from apt must not install this.
     'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-    'record': ['rosbags'],
+    'record': ['mcap', 'rosbags>=0.11'],
     'plot': ['matplotlib', 'pillow', 'rosbags'],
     'view': ['rosbags', 'viser'],
     'analysis': ['matplotlib'],

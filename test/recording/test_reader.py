@@ -81,7 +81,7 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path):
     with Writer(tmp_path / 'other', version=9) as bag:
         topic = bag.add_connection('/chatter', bags.VECTOR, typestore=bags.STORE)
         bag.write(topic, 1, bags.message(1, 'a', [1.0, 0.0, 0.0]))
-    for name, reason in (('missing', 'no such directory'), ('empty', 'no metadata.yaml'),
+    for name, reason in (('missing', 'no such directory'), ('empty', 'not a rosbag2 directory'),
                          ('file', 'not a rosbag2 directory'), ('other', 'no messages on')):
         with pytest.raises(ConfigurationError, match=reason) as caught:
             recording.load(tmp_path / name)

@@ -19,6 +19,7 @@ COMMANDS = {
     'stop': 'emergency stop: hold all bodies until they are released',
     'monitor': 'watch the formation and publish its error',
     'recorder': 'record the formation into a rosbag2 directory',
+    'recover': 'make a whole recording of one that was cut off',
     'launcher': 'all of them in one process, and a summary',
     'viewer': 'show the formation, or a recording, in a browser',
     'plot': 'write the figures of a recording',

@@ -22,6 +22,7 @@ from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation import rotation
 from tetra_ros2.formation.checks import Rejected, UNIT_TOLERANCE
 from tetra_ros2.formation.identify import identify
+from tetra_ros2.recording.bag import UNFINISHED
 from tetra_ros2.wire import cdr, names
 
 _ATTITUDES_TYPE = 'geometry_msgs/msg/PoseArray'
@@ -171,13 +172,19 @@ def load(path, namespace=None, progress=None):
     :raises ConfigurationError: if it cannot be read, or holds no formation
     """
     path = Path(path)
+    remedy = f'tetra recover {path} makes a whole one of it'
     if not (path / 'metadata.yaml').is_file():
         problem = 'there is no such directory'
         if path.exists():
             problem = 'is not a rosbag2 directory' + (
-                ', it has no metadata.yaml: was the recording cut off?' if path.is_dir() else '')
+                ', it has no metadata.yaml' if path.is_dir() else '')
+        if any(path.glob('*.mcap')) or any(path.glob('*.db3')):
+            problem = f'was cut off, it has no metadata.yaml: {remedy}'
         raise ConfigurationError(problem, source=path)
     try:
+        if UNFINISHED in (path / 'metadata.yaml').read_text(errors='replace'):
+            raise ConfigurationError(
+                f'was cut off, or is still being written: {remedy}', source=path)
         with Reader(path) as reader:
             namespace = _choose(reader, namespace, path)
             collected = _collect(reader, namespace, progress)
@@ -188,7 +195,8 @@ def load(path, namespace=None, progress=None):
     except Exception as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip('.')
         raise ConfigurationError(
-            f'cannot be read, it is damaged or was cut off: {reason}', source=path) from None
+            f'cannot be read, it is damaged or was cut off: {reason}; {remedy}',
+            source=path) from None
     return _assemble(path, namespace, edges, collected)
 
 
