@@ -38,7 +38,8 @@ def main(arguments, config, ros_arguments):
     :param arguments: parsed arguments of ``tetra launcher``
     :param config: path of the configuration
     :param ros_arguments: arguments as after ``--ros-args``
-    :returns: the exit status: 0 if it formed, 1 if it did not, 130 if it was interrupted
+    :returns: the exit status: 0 if it formed, 1 if it did not or could not be recorded, 130 if it
+        was interrupted
     :raises ConfigurationError: if it was called wrongly; nothing was started then
     """
     duration = arguments.duration
@@ -81,6 +82,10 @@ def main(arguments, config, ros_arguments):
         print(json.dumps(_document(summary, launcher, wall_time), indent=2, allow_nan=False))
     else:
         _print(describe(summary, launcher, wall_time))
+    if launcher.recorder is not None and launcher.recorder.failure is not None:
+        print(f'tetra: error: {launcher.recorder.path} could not be written to the end: '
+              f'{launcher.recorder.failure}', file=sys.stderr)
+        return INTERRUPTED if not complete else 1
     if not complete:
         return INTERRUPTED
     return 0 if summary.formed else 1
@@ -145,7 +150,8 @@ def _document(summary, launcher, wall_time):
         'rejected': dict(sum((node.health.rejected for node in launcher.nodes), Counter())),
         'wall_time': wall_time,
         'recording': recorder and {'path': str(recorder.path),
-                                   'messages': sum(recorder.counts.values())},
+                                   'messages': sum(recorder.counts.values()),
+                                   'failure': recorder.failure},
     })
 
 
@@ -198,8 +204,11 @@ def describe(summary, launcher, wall_time):
     rows.append(('time', f'{summary.duration:.2f} s in {wall_time:.2f} s, '
                          f'{summary.duration / wall_time:.1f} times real time'))
     if launcher.recorder is not None:
-        rows.append(('recording', f'{launcher.recorder.path}: '
-                                  f'{sum(launcher.recorder.counts.values())} messages'))
+        recorder = launcher.recorder
+        messages = f'{sum(recorder.counts.values())} messages'
+        if recorder.failure is not None:
+            messages = f'cut off, less than {messages}'
+        rows.append(('recording', f'{recorder.path}: {messages}'))
     return rows
 
 
