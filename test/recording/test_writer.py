@@ -46,13 +46,6 @@ def test_what_is_written_is_there_in_its_order(tmp_path, writer):
         ('/error', 5, MESSAGE), ('/other', 6, other), ('/error', 7, MESSAGE)]
 
 
-def test_a_clock_that_is_set_back_does_not_turn_the_bag_back(tmp_path, writer):
-    topic = announce(writer)
-    writer.write([(topic, 8, MESSAGE), (topic, 3, MESSAGE), (topic, 9, MESSAGE)])
-    writer.close()
-    assert [time for _, time, _ in read(tmp_path / 'bag')] == [8, 8, 9]
-
-
 def test_a_type_that_nobody_knows_has_no_number(writer):
     assert writer.add_topic('/x', 'no_msgs/msg/Nothing', 'RIHS01_' + 64 * '0', [QOS]) is None
     assert announce(writer) == 0

@@ -9,7 +9,6 @@ It needs no rosbag2: the files are written by rosbags, in a process of its own, 
 """
 
 from collections import Counter
-from contextlib import suppress
 from datetime import datetime
 from importlib import import_module
 from operator import itemgetter
@@ -18,12 +17,14 @@ import re
 import shutil
 import time
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 import rosbags  # noqa: F401, to miss it here and not in the process that writes
 
 from tetra_ros2.config.configuration import check_new
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation.checks import Rejected
+from tetra_ros2.recording.simulated_time import SimulatedTime
 from tetra_ros2.recording.writer import BagError, BagWriter
 from tetra_ros2.ros import diagnostics, executor, parameters
 from tetra_ros2.ros.node import FormationNode
@@ -37,6 +38,8 @@ READING_PERIOD = 0.01
 
 DEPTH = 10000
 """How many messages of a topic may wait to be read."""
+
+_TYPE = re.compile(r'(\w+)/msg/(\w+)')
 
 
 class Recorder(FormationNode):
@@ -63,14 +66,18 @@ class Recorder(FormationNode):
         self.path = Path(values['output'] or f'tetra_{datetime.now():%Y_%m_%d-%H_%M_%S}')
         self.exclusive_inputs = False
         sim_time = sim_time or self.get_parameter('use_sim_time').value
-        self._sim_time = 0 if sim_time else None  # what /clock said last [ns], 0 for nothing yet
+        self._sim_time = SimulatedTime() if sim_time else None
+        self._latest = 0  # time of the last message that was written [ns]
         self._number_of_clock = None  # the number of that topic, None if it is not to be recorded
         self._recorded = []  # topics, by the number that the writer gave them
-        self._heard, self._refused = set(), set()  # topics, and those that cannot be recorded
+        self._heard = set()  # topics
+        self._refused = {}  # why others are not recorded: texts, by topic
+        self.failure = None  # why the recording ended before it was to end, a text
         self._queues = []  # for each topic: its number, and what gives its next message
         self._ahead = []  # what came while the last reading went on
         self._written = Counter()  # how many messages, by the topic's number
         self._writer = self._open(values['storage'])
+        self.add_on_set_parameters_callback(self._keep_to_one_time)
         self.report_health()
         self.create_steady_timer(DISCOVERY_PERIOD, self.discover)
         self.create_steady_timer(READING_PERIOD, self._read)
@@ -82,6 +89,15 @@ class Recorder(FormationNode):
         except re.error as error:
             raise ConfigurationError(
                 f'{values["regex"]!r} is not a regular expression: {error}', key='regex') from None
+
+    def _keep_to_one_time(self, given):
+        """Refuse another source of time: half of the bag would be of one, half of the other."""
+        for parameter in given:
+            if parameter.name == 'use_sim_time' \
+                    and parameter.value != (self._sim_time is not None):
+                return SetParametersResult(
+                    successful=False, reason='a recording keeps to the time that it began with')
+        return SetParametersResult(successful=True)
 
     def _patterns(self, values):
         """Return regular expressions of the full names of the topics to record."""
@@ -133,6 +149,7 @@ class Recorder(FormationNode):
         self._writer.abort()
         self._end()
         self.exit_status = 1
+        self.failure = str(error)
         self.get_logger().error(f'{self.path} cannot be written any more: {error}')
 
     def _end(self):
@@ -149,11 +166,19 @@ class Recorder(FormationNode):
         self._read()
         return {topic: self._written[k] for k, topic in enumerate(self._recorded)}
 
-    def _follow(self, message):
+    def _follow(self, message, at):
         try:
-            self._sim_time = cdr.time(message)
+            self._sim_time.hear(cdr.time(message), at)
         except Rejected as rejection:
             self.health.reject(rejection, names.CLOCK)
+
+    def _take(self, take):
+        """Return a queue's next message, or None if there is none, or it cannot be read."""
+        try:
+            return take()
+        except Exception as error:  # whatever the middleware says of what somebody sent
+            self.health.reject(type(error).__name__, 'the middleware')
+            return None
 
     def _read(self):
         """Have all that has come written, in the order in which it came."""
@@ -161,7 +186,7 @@ class Recorder(FormationNode):
         begun = time.time_ns()
         for number, take in self._queues:
             latest = 0
-            while (taken := take()) is not None:
+            while (taken := self._take(take)) is not None:
                 message, info = taken
                 # Not every middleware tells when a message came.
                 at = info['received_timestamp'] or info['source_timestamp']
@@ -179,8 +204,12 @@ class Recorder(FormationNode):
         for at, number, message in come:
             if self._sim_time is not None:
                 if number == self._number_of_clock:
-                    self._follow(message)
-                at = self._sim_time
+                    self._follow(message, at)
+                at = self._sim_time.now
+            elif at < self._latest:  # the system's clock was set back; a bag's may not be
+                at = self._latest
+            else:
+                self._latest = at
             if at and number is not None:
                 messages.append((number, at, message))
         if not messages or self._writer is None:
@@ -198,33 +227,49 @@ class Recorder(FormationNode):
             if self._writer is None:  # even the last topic may have been one too many
                 return
             wanted = self._wanted.fullmatch(topic)
-            if topic in self._heard or (topic, types[0]) in self._refused or not (
-                    wanted or self._goes_by(topic)):
+            if topic in self._heard or not (wanted or self._goes_by(topic)):
                 continue
-            if publishers := self.get_publishers_info_by_topic(topic):
-                self._listen(topic, types[0], publishers, wanted)
+            try:
+                refusal = self._consider(topic, types, wanted)
+            except BagError as error:
+                self._fail(error)
+                return
+            # Whatever somebody puts onto the network must not end a recording.
+            except Exception as error:
+                refusal = f'{type(error).__name__}: {error}'.splitlines()[0]
+            if refusal is None:
+                self._refused.pop(topic, None)
+            elif self._refused.get(topic) != refusal:
+                self._refused[topic] = refusal
+                self.get_logger().warning(f'{topic} is not recorded, {refusal}')
 
     def _goes_by(self, topic):
         return topic == names.CLOCK and self._sim_time is not None
 
+    def _consider(self, topic, types, wanted):
+        """Record a topic if it can be; return why not, or None."""
+        expected = names.message_type(topic, self.get_namespace())
+        if expected is not None and expected not in types:
+            return f'its type is {", ".join(types)}, expected {expected}'
+        publishers = self.get_publishers_info_by_topic(topic)
+        refusal = None
+        for type_name in [expected] if expected is not None else types:
+            of_type = [p for p in publishers if p.topic_type == type_name]
+            if of_type:
+                refusal = self._listen(topic, type_name, of_type, wanted)
+                if refusal is None and len(types) > 1:
+                    self.get_logger().warning(
+                        f'{topic} is of the types {", ".join(types)}; {type_name} is recorded')
+                if refusal is None:
+                    return None
+        return refusal
+
     def _listen(self, topic, type_name, publishers, wanted):
         """Subscribe to a topic, and announce it to the process that writes if it is wanted."""
-        package, _, name = type_name.split('/')
-        message_type = number = None
-        with suppress(ImportError):
-            message_type = getattr(import_module(f'{package}.msg'), name, None)
-        if message_type is not None and wanted:
-            try:
-                number = self._writer.add_topic(
-                    topic, type_name, str(publishers[0].topic_type_hash),
-                    [_offered(publisher.qos_profile) for publisher in publishers])
-            except BagError as error:
-                self._fail(error)
-                return
-        if message_type is None or (wanted and number is None):
-            self._refused.add((topic, type_name))
-            self.get_logger().warning(f'{topic} is not recorded, its type {type_name} is unknown')
-            return
+        message_type, number = _import(type_name), None
+        unknown = f'its type {type_name} is unknown'
+        if message_type is None:
+            return unknown
         profile = QoSProfile(
             history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
             reliability=_common(publishers, 'reliability', ReliabilityPolicy.RELIABLE,
@@ -233,6 +278,16 @@ class Recorder(FormationNode):
                                DurabilityPolicy.VOLATILE))
         subscription = self.create_subscription(
             message_type, topic, _never_called, profile, raw=True)
+        try:
+            if wanted:
+                number = self._writer.add_topic(
+                    topic, type_name, str(publishers[0].topic_type_hash),
+                    [_offered(publisher.qos_profile) for publisher in publishers])
+        finally:
+            if wanted and number is None:
+                self.destroy_subscription(subscription)
+        if wanted and number is None:
+            return unknown
         self.inputs.append(subscription)
         self._heard.add(topic)
         if wanted:
@@ -240,6 +295,7 @@ class Recorder(FormationNode):
         if self._goes_by(topic):
             self._number_of_clock = number
         self._queues.append((number, self.queue(subscription)))
+        return None
 
     def assess(self):
         """Return level, message and figures for the diagnostics."""
@@ -247,12 +303,29 @@ class Recorder(FormationNode):
         total = sum(counts.values())
         values = {'path': self.path, 'topics': len(counts), 'messages': total,
                   **self.health.rates({'message rate [Hz]': total}),
-                  **{f'messages on {topic}': n for topic, n in counts.items()}}
+                  **{f'messages on {topic}': n for topic, n in counts.items()},
+                  **{f'not recorded: {topic}': why for topic, why in self._refused.items()}}
         if self._writer is None:
-            return diagnostics.ERROR, 'not recording any more', values
+            return diagnostics.ERROR, f'not recording any more: {self.failure}', values
+        if self._sim_time is not None and self.count_publishers(names.CLOCK) > 1:
+            return (diagnostics.WARN, f'recording; more than one publisher on {names.CLOCK}, by '
+                    'which the messages are filed', values)
+        if self._refused:
+            return (diagnostics.WARN, f'recording, but not {", ".join(sorted(self._refused))}',
+                    values)
         if not counts:
             return diagnostics.WARN, 'no topic to record yet', values
         return diagnostics.OK, 'recording', values
+
+
+def _import(type_name):
+    """Return the class of a message type, or None if there is none here."""
+    if not (parts := _TYPE.fullmatch(type_name)):
+        return None
+    try:
+        return getattr(import_module(f'{parts[1]}.msg'), parts[2], None)
+    except ImportError:
+        return None
 
 
 def _never_called(_message):

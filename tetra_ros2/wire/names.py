@@ -3,6 +3,8 @@
 
 """The names of nodes, topics, services and frames; relative, so that a namespace moves all."""
 
+import re
+
 PLANT = 'plant'
 MONITOR = 'monitor'
 RECORDER = 'recorder'
@@ -62,13 +64,31 @@ def stop(node):
     return f'{node}/stop'
 
 
-FORMATION_TOPICS = (
-    r'agent_\d+/relative_attitude/agent_\d+',
-    r'agent_\d+/cmd_vel',
-    r'agent_\d+/joint_states',
-    ATTITUDES,
-    COSINES,
-    ERROR,
-    DIAGNOSTICS,
-)
+_TYPES = {
+    r'agent_\d+/relative_attitude/agent_\d+': 'geometry_msgs/msg/Vector3Stamped',
+    r'agent_\d+/cmd_vel': 'geometry_msgs/msg/TwistStamped',
+    r'agent_\d+/joint_states': 'sensor_msgs/msg/JointState',
+    ATTITUDES: 'geometry_msgs/msg/PoseArray',
+    COSINES: 'std_msgs/msg/Float64MultiArray',
+    ERROR: 'std_msgs/msg/Float64',
+    DIAGNOSTICS: 'diagnostic_msgs/msg/DiagnosticArray',
+}
+
+FORMATION_TOPICS = tuple(_TYPES)
 """Regular expressions of all the topics of a formation, relative to its namespace."""
+
+
+def message_type(topic, namespace='/'):
+    """
+    Return the type that a formation's topic has by contract, or None if it is not one of it.
+
+    :param topic: full name
+    :param namespace: of the formation
+    """
+    if topic == CLOCK:
+        return 'rosgraph_msgs/msg/Clock'
+    prefix = namespace.rstrip('/') + '/'
+    if not topic.startswith(prefix):
+        return None
+    relative = topic[len(prefix):]
+    return next((kind for name, kind in _TYPES.items() if re.fullmatch(name, relative)), None)
