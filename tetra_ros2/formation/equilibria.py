@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tetra_ros2.formation import equivalence, flow, law, measures, sphere
+from tetra_ros2.formation import equivalence, flow, law, measures, polyhedra, sphere
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Gain
 from tetra_ros2.formation.stability import (
@@ -188,8 +188,9 @@ def classify(gamma: ArrayLike, tolerance: float = 1e-5) -> str:
 
     if np.all(cosines > 1.0 - tolerance):
         return 'consensus'
-    if is_like(*[-1.0 / 3.0] * 6):
-        return 'tetrahedron'
+    for solid, points in polyhedra.SOLIDS.items():
+        if len(points) == len(gamma) and is_like(*np.sort(measures.pairwise_cosines(points))):
+            return solid
     if is_like(-1.0, -1.0, 0.0, 0.0, 0.0, 0.0):
         return 'cross'
     if np.all(np.abs(np.abs(cosines) - 1.0) < tolerance):

@@ -418,32 +418,43 @@ def max_delay_steps(gamma: Array, weights: Array, gain: Gain, h: float) -> int:
     return _max_delay_steps_spinning(gamma, weights, gain, h, guess)
 
 
-def delayed_equilibrium(gamma: Array, weights: Array, gain: Gain, h: float,
-                        delay_steps: int) -> SampledEquilibrium:
+def delayed_equilibrium(gamma: Array, weights: Array, gain: Gain, h: float, delay_steps: int,
+                        near: SampledEquilibrium | None = None) -> SampledEquilibrium:
     """
     Return the relative equilibrium of a late loop that continues the one without delay.
 
-    The parameters are those of :func:`sampled_equilibrium`.
+    :param near: one of a shorter delay to continue from
+
+    The other parameters are those of :func:`sampled_equilibrium`.
     """
-    near = sampled_equilibrium(gamma, weights, gain, h)
-    # It is followed from no delay on, lest another one be found.
-    for d in sorted({*range(0, delay_steps, max(1, delay_steps // 4)), delay_steps} - {0}):
-        near = sampled_equilibrium(gamma, weights, gain, h, d, near)
+    if near is None:
+        near = sampled_equilibrium(gamma, weights, gain, h)
+    # It is followed in steps, lest another one be found.
+    stride = max(1, delay_steps // 4)
+    for d in (*range(near.delay_steps + stride, delay_steps, stride), delay_steps):
+        if d > near.delay_steps:
+            near = sampled_equilibrium(gamma, weights, gain, h, d, near)
     return near
 
 
 def _max_delay_steps_spinning(gamma: Array, weights: Array, gain: Gain, h: float,
                               guess: int) -> int:
-    def is_stable(steps: int) -> bool:
-        near = delayed_equilibrium(gamma, weights, gain, h, steps)
-        return near.residual < 1e-9 and near.unstable_modes() == 0
+    def at(steps: int, near: SampledEquilibrium | None) -> SampledEquilibrium | None:
+        """Return the equilibrium there if it is stable."""
+        there = delayed_equilibrium(gamma, weights, gain, h, steps, near)
+        return there if there.residual < 1e-9 and there.unstable_modes() == 0 else None
 
-    if not is_stable(0):
+    inside = at(0, None)
+    if inside is None:
         return -1
-    inside, outside = 0, max(1, guess)
-    while is_stable(outside):
-        inside, outside = outside, 2 * outside
-    while outside - inside > 1:
-        middle = (inside + outside) // 2
-        inside, outside = (middle, outside) if is_stable(middle) else (inside, middle)
-    return inside
+    outside = max(1, guess)
+    while (further := at(outside, inside)) is not None:
+        inside, outside = further, 2 * outside
+    while outside - inside.delay_steps > 1:
+        middle = (inside.delay_steps + outside) // 2
+        there = at(middle, inside)
+        if there is None:
+            outside = middle
+        else:
+            inside = there
+    return inside.delay_steps
