@@ -20,6 +20,7 @@ demo: $(VENV)/.ros  ## form the complete and then the rotating formation
 
 test: $(VENV)/.test browser  ## run all tests
 	$(CLEAN) $(VENV)/bin/ruff check .
+	$(CLEAN) $(VENV)/bin/mypy
 	$(CLEAN) $(VENV)/bin/python -m pytest $(PYTEST_ARGS)
 
 verify: $(VENV)/.test  ## check every claim of the paper

@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linprog
 
-from tetra_ros2.formation import equivalence, law, measures, sphere, stability
+from tetra_ros2.formation import equilibria, equivalence, law, measures, sphere, stability
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Gain
-from tetra_ros2.formation.shapes import AdmissibleAngles
 from tetra_ros2.formation.stability import RelativeEquilibrium
+from tetra_ros2.formation.symmetry import AdmissibleAngles
 
 MAX_AGENTS = 40
 """The programs have n (n - 1) unknowns."""
@@ -202,7 +202,8 @@ class _Program:
         :param rounds: how often the program is cut down
         """
         size, count = len(self.across.T), len(self.edges)
-        bounds = [(0.0, m if ok else 0.0) for m, ok in zip(self.most, allowed)]
+        bounds: list[tuple[float | None, float | None]] = [
+            (0.0, m if ok else 0.0) for m, ok in zip(self.most, allowed)]
         bounds += [(0.0, None if self.spins else 0.0), (None, 1.0)]  # share of the spin, decay
         equations = np.column_stack([self.equations, -self.motion, np.zeros(len(self.motion))])
         cost = np.zeros(count + 2)
@@ -445,7 +446,7 @@ def try_starts(made: Design, starts: int, seed: int = 0, longest: float = 60.0,
     others: list[tuple[Array, int]] = []
     unsettled, came = 0, int(np.sum(formed))
     for point in gamma[active]:
-        found, left = stability.refine(point, weights, gain)
+        found, left = equilibria.refine(point, weights, gain)
         if left < 1e-8 * made.fastest and admissible.errors(found) < 1e-4:
             came += 1
             continue
