@@ -4,6 +4,7 @@
 """What analyze predicts, and runs of the nodes just inside and just outside of its limits."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -153,3 +154,35 @@ def test_an_agent_with_a_gain_of_its_own_is_refused(capsys, configuration):
     with open(path, 'a') as file:
         file.write('/agent_2:\n  ros__parameters:\n    gain: {a: 2.0}\n')
     assert 'agent_2' in error_of(capsys, '--config', path)
+
+
+def test_bodies_with_mass_are_analysed_with_their_rate_loop(capsys):
+    assert main(['analyze', '--config', 'rotating', '--body', 'wheels', '--bandwidth', '20',
+                 '--json']) == 0
+    bodies = json.loads(capsys.readouterr().out)['bodies']
+    assert bodies['spin_rate'] == pytest.approx(0.57476, abs=1e-4)
+    assert bodies['offset'] == pytest.approx(3.19e-3, rel=0.01)
+    assert 0.15 < bodies['min_bandwidth'] < bodies['sampled_min_bandwidth'] < 0.2
+    assert bodies['torque'] < bodies['torque_limit']
+    assert bodies['lifetime'] is None
+
+
+def test_a_rate_loop_below_the_limit_makes_exit_status_1(capsys):
+    assert main(['analyze', '--config', 'rotating', '--body', 'gimbal', '--bandwidth', '0.1']) == 1
+    assert 'take a faster rate loop' in capsys.readouterr().out
+
+
+def test_a_disturbance_fills_the_wheels_in_a_time_that_is_said(tmp_path, capsys):
+    file = tmp_path / 'sun.yaml'
+    file.write_text('/**:\n  ros__parameters: {topology: {kind: rotating}}\n/**/plant:\n'
+                    '  ros__parameters:\n    body: wheels\n'
+                    '    wheels: {disturbance: [1.0e-4, 0.0, 0.0]}\n')
+    assert main(['analyze', '--config', str(file)]) == 0
+    out = ' '.join(capsys.readouterr().out.split())
+    # 0.12 N m s less what the spin asks for, over 1e-4 N m.
+    assert re.search(r'last 112\d s under the disturbance', out)
+
+
+def test_kinematic_bodies_have_no_rows_of_their_own(capsys):
+    assert main(['analyze', '--config', 'complete', '--json']) == 0
+    assert 'bodies' not in json.loads(capsys.readouterr().out)

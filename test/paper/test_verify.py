@@ -21,6 +21,7 @@ from tetra_ros2.formation import (
     equilibria,
     gain,
     law,
+    rate_loop,
     rotation,
     shapes,
     sphere,
@@ -138,6 +139,11 @@ SABOTAGE = {
     'polynomial-system': (coordinates, 'cosine_matrix', lambda c, true=coordinates.cosine_matrix:
                           true(0.5 * np.asarray(c))),
     'disjoint-equilibria': (equilibria, 'find_equilibria', lambda *_: ([], 300)),
+    'rate-loop-at-rest': (rate_loop, 'eigenvalues_at_rest', lambda values, k: 1.1 * values),
+    'rate-loop-spin': (rate_loop, 'rate_loop_equilibrium', lambda gamma, weights, gain, k,
+                       true=rate_loop.rate_loop_equilibrium: true(gamma, weights, gain, 1.1 * k)),
+    'rate-loop-limit': (rate_loop, 'min_bandwidth', lambda gamma, weights, gain,
+                        true=rate_loop.min_bandwidth: 1.1 * true(gamma, weights, gain)),
     'decomposition': (equilibria, 'find_equilibria', lambda *_: ([], 300)),
 }
 

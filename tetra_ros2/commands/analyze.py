@@ -30,6 +30,12 @@ def add_arguments(parser):
     parser.add_argument(
         '--error', type=float, default=1e-3, metavar='RAD',
         help='error at which it has settled [rad] (default: %(default)s)')
+    parser.add_argument(
+        '--body', metavar='BODY', help='bodies with mass: wheels, gimbal, or an MJCF file '
+        '(default: that of the plant in FILE)')
+    parser.add_argument(
+        '--bandwidth', type=float, metavar='K', help='of their rate loop [1/s] (default: that of '
+        'the plant in FILE)')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
@@ -41,7 +47,7 @@ def run(arguments):
     :raises ConfigurationError: if it cannot be analysed
     """
     from tetra_ros2.config.parameters import ConfigurationError
-    for name in ('rate', 'noise', 'start', 'error'):
+    for name in ('rate', 'noise', 'start', 'error', 'bandwidth'):
         value = getattr(arguments, name)
         if value is not None and not 0.0 < value < 1e9:
             raise ConfigurationError(
@@ -54,11 +60,50 @@ def run(arguments):
             f'{arguments.error!r} is not valid, expected less than --start', key='--error')
     analysis = analyze(arguments.config, rate=arguments.rate, delay=arguments.delay,
                        noise=arguments.noise, start=arguments.start, error=arguments.error)
+    bodies = analyze_bodies(
+        arguments.config, rate=arguments.rate, delay=arguments.delay, body=arguments.body,
+        bandwidth=arguments.bandwidth)
     if arguments.json:
-        print(json.dumps(asdict(analysis), indent=2, allow_nan=False))
+        document = asdict(analysis)
+        if bodies is not None:
+            document['bodies'] = asdict(bodies)
+        print(json.dumps(document, indent=2, allow_nan=False))
     else:
-        _print(analysis, arguments)
-    return 0 if analysis.is_stable else 1
+        _print(analysis, arguments, bodies)
+    return 0 if analysis.is_stable and (bodies is None or bodies.is_stable) else 1
+
+
+def analyze_bodies(config, *, rate=None, delay=None, body=None, bandwidth=None):
+    """
+    Say what the formation of a configuration asks of bodies with mass.
+
+    :param config: a path, or the name of a configuration that ships
+    :param rate: of the loop [Hz]; by default the plant's
+    :param delay: how old the measurements are [s]; by default the plant's
+    :param body: what turns; by default the plant's
+    :param bandwidth: of the rate loop [1/s]; by default the plant's
+    :returns: a :class:`~tetra_ros2.physics.demands.Demands`; None for kinematic bodies
+    :raises ConfigurationError: if it cannot be analysed
+    """
+    from tetra_ros2.config import configuration
+    from tetra_ros2.config.bodies import physics_from_parameters
+    from tetra_ros2.config.parameters import check_parameters
+    file = configuration.load(config)
+    values = file.values('plant')
+    given = {'body': body, 'rate_loop.bandwidth': bandwidth}
+    values.update(check_parameters('plant', {
+        **values, **{key: value for key, value in given.items() if value is not None}}))
+    try:
+        formation = _formation(file)
+        physics = physics_from_parameters(values, formation.n)
+        if physics is None:
+            return None
+        from tetra_ros2.physics.demands import demands
+        return demands(formation, physics,
+                       rate=values['rate'] if rate is None else rate,
+                       delay=values['measurement_delay'] if delay is None else delay)
+    except configuration.ConfigurationError as problem:
+        raise problem.at(file.path) from None
 
 
 def analyze(config, *, rate=None, delay=None, noise=1e-3, start=0.1, error=1e-3):
@@ -110,7 +155,7 @@ def _formation(file):
     return formation
 
 
-def _print(a, arguments):
+def _print(a, arguments, bodies):
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -156,4 +201,33 @@ def _print(a, arguments):
     if a.mean_error is not None:
         row('noise', f'of {a.noise:g} rad leaves an error of {a.mean_error:.3g} rad in the mean; '
             f'angles deviate by {a.angle_deviation:.3g} rad')
+    if bodies is not None:
+        _print_bodies(row, bodies, a.rate)
     Console(width=None).print(table)
+
+
+def _print_bodies(row, b, rate):
+    """Add the rows for bodies with mass."""
+    def limit(value):
+        return 'any will do' if value == 0.0 else 'none will do' if value is None else \
+            f'above {value:.5g} 1/s'
+
+    row('bodies', f'{b.body}, rate loop of {b.bandwidth:g} 1/s')
+    row('bandwidth', f'{limit(b.min_bandwidth)}; at {rate:g} Hz {limit(b.sampled_min_bandwidth)}')
+    if b.is_stable:
+        row('', f'slowest rate {b.sampled_rate:.6g} 1/s at {rate:g} Hz, '
+                f'{b.slowest_rate:.6g} 1/s with no sampling')
+        if b.spin_rate:
+            row('', f'spins at {b.spin_rate:.6g} rad/s, angles {b.offset:.3g} rad off; a body '
+                    f'turns at {b.body_rate:.4g} rad/s, {b.angular_acceleration:.4g} rad/s^2')
+    else:
+        row('', f'not stable with {b.bandwidth:g} 1/s: take a faster rate loop')
+    if b.torque is None:
+        return
+    row('wheels', f'saturate where a command is off by more than {b.saturation_rate:.3g} rad/s; '
+                  f'turn a body at {b.rate_limit:.4g} rad/s at most')
+    row('', f'asked for: torque {b.torque:.3g} of {b.torque_limit:g} N m, speed '
+            f'{b.wheel_speed:.4g} of {b.wheel_speed_limit:g} rad/s, '
+            f'momentum {b.momentum:.3g} N m s')
+    row('', 'last for ever: a spin uses up no momentum, and nothing disturbs it'
+        if b.lifetime is None else f'last {b.lifetime:.4g} s under the disturbance')

@@ -17,6 +17,7 @@ SECTIONS = (
     'almost_global',
     'rotating',
     'simulation',
+    'rate_loops',
 )
 """The modules of this package that hold claims, in the order of the paper."""
 
