@@ -34,6 +34,18 @@ _DOMAIN_LOCK = _reserve_domain()
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
+def pytest_sessionfinish():
+    """Leave no shared memory behind: killed processes do, and all of these are gone now."""
+    from tetra_ros2.ros import shared_memory
+    shared_memory.remove_dead(settled=1.0)
+    # The ports of this domain are nobody else's, so that these can go too.
+    first = 7400 + 250 * int(os.environ['ROS_DOMAIN_ID'])
+    for port in range(first, first + 250):
+        for name in (f'fastrtps_port{port}', f'fastrtps_port{port}_el',
+                     f'sem.fastrtps_port{port}_mutex'):
+            (shared_memory.DIRECTORY / name).unlink(missing_ok=True)
+
+
 @pytest.fixture
 def probe():
     """Return a plain node of its own, to look at a formation from outside."""

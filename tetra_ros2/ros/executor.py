@@ -15,6 +15,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.task import Future
 
 from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.ros import shared_memory
 
 try:
     from rclpy.experimental.events_executor import EventsExecutor
@@ -121,11 +122,12 @@ def ros_arguments(config=None, arguments=()):
 
 def initialize(context, arguments):
     """
-    Initialise a context, without rclpy's signal handlers.
+    Initialise a context, without rclpy's signal handlers; see to the shared memory first.
 
     :param arguments: a command line's, with ``--ros-args``
     :raises ConfigurationError: if rcl does not take them
     """
+    shared_memory.prepare()
     try:
         context.init(arguments)
     except Exception as error:  # rclpy has no public class for what rcl refuses
