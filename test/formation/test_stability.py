@@ -228,5 +228,5 @@ def test_a_real_part_is_zero_only_to_rounding(real, expected):
 def test_settling_goes_on_from_a_saddle_to_what_attracts(saddle):
     nearly = sphere.normalize(
         np.array(saddle, float) + 1e-5 * np.random.default_rng(2).standard_normal((4, 3)))
-    end = stability.settle(nearly, COMPLETE, Exponential())
-    assert stability.classify(end) == 'tetrahedron'
+    end = equilibria.settle(nearly, COMPLETE, Exponential())
+    assert equilibria.classify(end) == 'tetrahedron'

@@ -96,6 +96,7 @@ class Claim:
     :param says: what it says
     :param how: how it is checked here
     :param check: takes the system under test, returns a :class:`Result`
+    :param section: the module of the check, which stands for a section of the paper
     :param nodes: whether that runs the real nodes
     """
 
@@ -104,6 +105,7 @@ class Claim:
     says: str
     how: str
     check: Callable[[SystemUnderTest], Result]
+    section: str
     nodes: bool = False
 
 
@@ -123,6 +125,7 @@ def claim(key: str, label: str, says: str, how: str, nodes: bool = False,
         if key in CLAIMS:
             raise ValueError(f'there are two claims {key}')
         CLAIMS[key] = Claim(
-            key, label, says, how, lambda system: check(system, **fixed), nodes)
+            key, label, says, how, lambda system: check(system, **fixed),
+            check.__module__.rpartition('.')[2], nodes)
         return check
     return register
