@@ -4,6 +4,7 @@
 """Packaging for colcon (ament_python) and for pip."""
 
 from pathlib import Path
+import runpy
 import sys
 
 from setuptools import find_packages, setup
@@ -11,29 +12,13 @@ from setuptools import find_packages, setup
 package_name = 'tetra_ros2'
 share = f'share/{package_name}'
 
-# `ros2 run tetra_ros2 X` runs lib/tetra_ros2/X, which colcon and the Debian build make of a
-# console script X. A wheel has `tetra X` instead: nobody wants a command `plant` in ~/bin.
-scripts = {'tetra': 'tetra_ros2.cli:main'}
-if not {'bdist_wheel', 'dist_info', 'editable_wheel'}.intersection(sys.argv):
-    scripts.update({
-        name: f'tetra_ros2.cli:{name}'
-        for name in ('agent', 'plant', 'monitor', 'recorder', 'launcher', 'viewer', 'sensors',
-                     'body')})
+# `ros2 run tetra_ros2 X` runs lib/tetra_ros2/X, which colcon and the Debian build make of a script
+# X. A wheel has `tetra X` instead: nobody wants a command `plant` in ~/bin. They are no entry
+# points: what setuptools makes of these loads for a tenth of a second before it comes to us.
+wheel = {'bdist_wheel', 'dist_info', 'editable_wheel'}.intersection(sys.argv)
+scripts = [] if wheel else sorted(map(str, Path('scripts').iterdir()))
 
-extras = {
-    # For a machine without ROS 2. Whoever has it from apt must not install this.
-    'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-    'record': ['mcap', 'rosbags>=0.11'],
-    'plot': ['matplotlib', 'pillow', 'rosbags'],
-    'view': ['rosbags', 'viser'],
-    'analysis': ['matplotlib'],
-    'design': ['scipy'],
-    'study': ['numba', 'pyarrow'],
-    'cluster': ['distributed'],
-    'bench': ['numba', 'scipy'],
-    'physics': ['mujoco'],
-    'serial': ['dynamixel-sdk'],
-}
+extras = dict(runpy.run_path(f'{package_name}/installation.py')['EXTRAS'])
 extras['all'] = [package for name in extras if name != 'ros' for package in extras[name]]
 extras['test'] = [
     *extras['all'],
@@ -78,5 +63,6 @@ setup(
     install_requires=['numpy', 'PyYAML', 'rich'],
     extras_require=extras,
     zip_safe=False,
-    entry_points={'console_scripts': [f'{name} = {target}' for name, target in scripts.items()]},
+    entry_points={'console_scripts': ['tetra = tetra_ros2.cli:main']},
+    scripts=scripts,
 )

@@ -5,34 +5,25 @@
 The command line: ``tetra X``, ``ros2 run tetra_ros2 X`` and ``python -m tetra_ros2 X``.
 
 Which commands there are stands in :mod:`tetra_ros2.commands`; only the one that is called is
-imported.
+imported, and nothing before it is settled what a signal does.
 """
 
-import argparse
-from importlib import import_module
+from collections.abc import Sequence
 import os
 import sys
 
-from tetra_ros2.commands import COMMANDS
-
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as a shell has it."""
+from tetra_ros2 import signals
+from tetra_ros2.commands import NODES
 
 CLOSED = 141
 """Exit status if nobody reads the output any more, as a shell has it."""
 
 
-class _Parser(argparse.ArgumentParser):
-    """A parser whose messages have the form of all others of this package."""
-
-    def error(self, message):
-        """Say what is wrong in one line, and exit with status 2."""
-        self.exit(2, f'tetra: error: {message}; see {self.prog} --help\n')
-
-
-def _split(argv):
+def _split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the arguments that are ours and those between ``--ros-args`` and ``--``."""
-    ours, ros, target = [], [], None
+    ours: list[str] = []
+    ros: list[str] = []
+    target = None
     for argument in argv:
         if argument == '--ros-args':
             target = ros
@@ -43,29 +34,7 @@ def _split(argv):
     return ours, ros
 
 
-def _module(command):
-    """Import the module of a command."""
-    return import_module(f'tetra_ros2.commands.{command}')
-
-
-def make_parser(command=None):
-    """
-    Return the parser of the command line.
-
-    :param command: the command whose arguments it is to know; None for all of them
-    """
-    parser = _Parser(
-        prog='tetra', description='Intrinsic formations of reduced attitudes over ROS 2.',
-        epilog='"tetra X --help" tells more of X. ROS arguments go after --ros-args.')
-    commands = parser.add_subparsers(dest='command', metavar='X', required=True)
-    for name, text in COMMANDS.items():
-        sub = commands.add_parser(name, help=text, description=f'{text[0].upper()}{text[1:]}.')
-        if command in (None, name):
-            _module(name).add_arguments(sub)
-    return parser
-
-
-def main(argv=None):
+def main(argv: Sequence[str] | None = None) -> int:
     """
     Run the command line.
 
@@ -75,83 +44,40 @@ def main(argv=None):
     ours, ros = _split(sys.argv[1:] if argv is None else argv)
     # The options before a command are flags, so the first other word is the command.
     command = next((word for word in ours if not word.startswith('-')), '')
-    arguments = make_parser(command).parse_args(ours)
-    arguments.ros_arguments = ros
+    # A node takes the signals over when there is something to put in order.
+    signals.quit_at_once(0 if command in NODES else signals.INTERRUPTED)
     try:
-        return _run(arguments)
+        return _run(command, ours, ros)
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return signals.INTERRUPTED
     except BrokenPipeError:
         # Whoever read it, `head` for one, has read enough. Python would try again at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return CLOSED
-    except ModuleNotFoundError as error:
-        if hint := _INSTALL.get((error.name or '').partition('.')[0]):
-            print(f'tetra: error: {error.name} is not installed: {hint}', file=sys.stderr)
-            return 2
+    except Exception as error:
+        if signals.interrupted():  # which can look like anything, in a library that was loading
+            return signals.INTERRUPTED
+        if isinstance(error, ModuleNotFoundError):
+            from tetra_ros2 import installation  # only for whom something is missing
+            if hint := installation.missing(error.name or ''):
+                print(f'tetra: error: {error.name} is not installed: {hint}', file=sys.stderr)
+                return 2
         raise
 
 
-_INSTALL = {
-    'matplotlib': "pictures need it: pip install 'tetra_ros2[plot]'",
-    'dynamixel_sdk': "serial servos need it: pip install 'tetra_ros2[serial]'",
-    'mujoco': "bodies with mass need it: pip install 'tetra_ros2[physics]'",
-    'rclpy': "source a ROS 2 installation, or without one: pip install 'tetra_ros2[ros]'",
-    'diagnostic_msgs': "source a ROS 2 installation; without one: pip install 'tetra_ros2[ros]'",
-    'rosbags': 'recordings need it: pip install rosbags',
-    'scipy': "linear programs need it: pip install 'tetra_ros2[design]'",
-    'viser': "the viewer needs it: pip install 'tetra_ros2[view]'",
-}
-
-
-def _run(arguments):
+def _run(command: str, ours: Sequence[str], ros: Sequence[str]) -> int:
     """Run a command, and say in one line what was wrong with its call."""
-    # Loads numpy, for which `tetra --help` need not wait.
+    # All of these take their time to load; the last brings numpy, for which --help need not wait.
+    from tetra_ros2.commands import _parser
+    arguments = _parser.parse(command, ours)
+    arguments.ros_arguments = ros
+    if command not in NODES:
+        signals.interrupt_once()
     from tetra_ros2.config.parameters import ConfigurationError
     try:
-        status = _module(arguments.command).run(arguments)
+        status: int = _parser.module(command).run(arguments)
         sys.stdout.flush()
         return status
     except ConfigurationError as error:
         print(f'tetra: error: {error}', file=sys.stderr)
         return 2
-
-
-def agent():
-    """Run ``tetra agent``."""
-    return main(['agent', *sys.argv[1:]])
-
-
-def plant():
-    """Run ``tetra plant``."""
-    return main(['plant', *sys.argv[1:]])
-
-
-def monitor():
-    """Run ``tetra monitor``."""
-    return main(['monitor', *sys.argv[1:]])
-
-
-def recorder():
-    """Run ``tetra recorder``."""
-    return main(['recorder', *sys.argv[1:]])
-
-
-def launcher():
-    """Run ``tetra launcher``."""
-    return main(['launcher', *sys.argv[1:]])
-
-
-def viewer():
-    """Run ``tetra viewer``."""
-    return main(['viewer', *sys.argv[1:]])
-
-
-def sensors():
-    """Run ``tetra sensors``."""
-    return main(['sensors', *sys.argv[1:]])
-
-
-def body():
-    """Run ``tetra body``."""
-    return main(['body', *sys.argv[1:]])

@@ -281,6 +281,8 @@ class Launcher:
         if not self.monitor.observer.count:
             # Formation time is counted from the first sample; until it is there, time waits too.
             self._run_to(0, interrupt, stall_timeout)
+            if interrupt is not None and interrupt.done():
+                return False
         # Count on from where the last run was to end, which may be less than a step ago.
         stamp = self.monitor.observer.stamp
         period = round(1e9 / self.plant.rate) if self.plant is not None else 0

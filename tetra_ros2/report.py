@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
+from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.launcher import Launcher, STALL_TIMEOUT
 from tetra_ros2.ros.executor import spin_some, until_signalled
@@ -26,9 +27,6 @@ DURATION = 30.0
 
 FOREVER = 9e8
 """As long as it runs if somebody looks on [s]."""
-
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as a shell has it."""
 
 
 def main(arguments, config, ros_arguments):
@@ -73,7 +71,7 @@ def main(arguments, config, ros_arguments):
         while arguments.view and not interrupt.done():
             spin_some(launcher.executor, interrupt)  # who looks may look on
         if not launcher.monitor.observer.count:
-            return INTERRUPTED
+            return signals.INTERRUPTED
         summary = launcher.summary()
         complete = complete or arguments.view  # Ctrl-C is how looking ends
         if not complete:
@@ -85,9 +83,9 @@ def main(arguments, config, ros_arguments):
     if launcher.recorder is not None and launcher.recorder.failure is not None:
         print(f'tetra: error: {launcher.recorder.path} could not be written to the end: '
               f'{launcher.recorder.failure}', file=sys.stderr)
-        return INTERRUPTED if not complete else 1
+        return signals.INTERRUPTED if not complete else 1
     if not complete:
-        return INTERRUPTED
+        return signals.INTERRUPTED
     return 0 if summary.formed else 1
 
 

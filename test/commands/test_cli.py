@@ -38,7 +38,8 @@ def test_every_command_helps(command):
 
 @pytest.mark.parametrize(('arguments', 'fragments'), [
     ([], ['required: X']),
-    (['lancher'], ["invalid choice: 'lancher'", 'launcher']),
+    (['lancher'], ["no command 'lancher'", "did you mean 'launcher'"]),
+    (['help'], ["no command 'help'", 'tetra --help']),
     (['agent'], ['--id']),
     (['agent', '--id', 'one'], ['--id', "'one'"]),
     (['agent', '--id', '9', '--config', 'complete'], ['--id', '9', '1 to 4']),

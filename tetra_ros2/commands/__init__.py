@@ -28,5 +28,85 @@ COMMANDS = {
     'design': "find weights for a formation of one's own, at rest or turning",
     'study': 'follow very many random starts, and say how many form and when',
     'figures': "draw the paper's simulation figures from runs of the nodes",
+    'completion': 'print what lets a shell complete these commands',
 }
 """Each command and what it does; the module of command ``x`` is ``tetra_ros2.commands.x``."""
+
+NODES = ('agent', 'plant', 'sensors', 'body', 'monitor', 'recorder', 'viewer')
+"""Those that run until a signal ends them, which is then how it should be: exit status 0."""
+
+EXAMPLES = {
+    'agent': (
+        'tetra agent --id 1 --config rotating',
+        'tetra agent --id 2 --config rotating --namespace orbit --ros-args -p gain.a:=2.0',
+    ),
+    'plant': (
+        'tetra plant --config rotating --ros-args -p mode:=realtime -p rate:=50.0',
+        'tetra plant --config rotating --namespace orbit',
+    ),
+    'sensors': (
+        'tetra sensors --config rotating',
+    ),
+    'body': (
+        'tetra body --id 1 --driver pan_tilt',
+    ),
+    'stop': (
+        'tetra stop',
+        'tetra stop --release',
+    ),
+    'monitor': (
+        'tetra monitor --config rotating',
+        'tetra monitor --config rotating --ros-args -p tolerance:=0.01',
+    ),
+    'recorder': (
+        'tetra recorder --output bag',
+        'tetra recorder -o bag --storage sqlite3 --regex "/rosout"',
+        'tetra recorder -o bag formation/attitudes formation/error',
+    ),
+    'recover': (
+        'tetra recover bag',
+        'tetra recover bag --output whole',
+    ),
+    'launcher': (
+        'tetra launcher --config rotating',
+        'tetra launcher --config rotating --seed 3 --duration 20 --record bag',
+        'tetra launcher --config rotating --view',
+        'tetra launcher --config complete --json --quiet --ros-args -p gain.a:=2.0',
+        'tetra launcher --without agent_3     # which you start yourself',
+    ),
+    'viewer': (
+        'tetra viewer',
+        'tetra viewer --namespace orbit --port 9000',
+        'tetra viewer --bag bag',
+    ),
+    'plot': (
+        'tetra plot bag --out figures',
+        'tetra plot bag --out figures --only error rates --format svg --to 10',
+        'tetra plot bag --out figures --movie',
+    ),
+    'verify': (
+        'tetra verify',
+        'tetra verify --list',
+        'tetra verify --json > claims.json',
+    ),
+    'analyze': (
+        'tetra analyze --config complete',
+        'tetra analyze --config rotating --json',
+    ),
+    'design': (
+        'tetra design --help',
+    ),
+    'study': (
+        'tetra study --starts 10000 --out study',
+        'tetra study --starts 10000 --out study --resume',
+    ),
+    'figures': (
+        'tetra figures --out figures',
+        'tetra figures --out figures --seed 3 --rate 50',
+    ),
+    'completion': (
+        'eval "$(tetra completion bash)"      # or put this line into ~/.bashrc',
+        'tetra completion fish > ~/.config/fish/completions/tetra.fish',
+    ),
+}
+"""Calls of each command that work as they stand; a test makes the parser read them."""

@@ -9,10 +9,9 @@ import math
 from pathlib import Path
 import sys
 
-# The rest is imported where it is needed: ``--help`` does not wait for numpy and rich.
+from tetra_ros2 import signals
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as a shell has it."""
+# The rest is imported where it is needed: ``--help`` does not wait for numpy and rich.
 
 
 def add_arguments(parser):
@@ -80,7 +79,7 @@ def run(arguments):
             left = len(montecarlo.missing(directory, plan))
             print(f'interrupted: {total - left} of {total} parts are kept in {directory}; '
                   'go on with --resume', file=sys.stderr)
-            return INTERRUPTED
+            return signals.INTERRUPTED
     summary = montecarlo.conclude(directory, plan, form, arguments.worst)
     if arguments.json:
         print(json.dumps(summary, indent=2, allow_nan=False))

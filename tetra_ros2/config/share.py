@@ -4,6 +4,7 @@
 """Where the files that are not Python ended up: config, launch, package.xml."""
 
 from pathlib import Path
+import re
 
 
 def share_directory() -> Path:
@@ -26,3 +27,10 @@ def share_directory() -> Path:
 def shipped() -> dict[str, Path]:
     """Return the paths of the configurations that ship, by their bare names, in order."""
     return {file.stem: file for file in sorted((share_directory() / 'config').glob('*.yaml'))}
+
+
+def version() -> str:
+    """Return the version of this package, as its manifest has it."""
+    manifest = (share_directory() / 'package.xml').read_text(encoding='utf-8')
+    found = re.search('<version>(.*)</version>', manifest)
+    return found[1] if found else 'of no known version'

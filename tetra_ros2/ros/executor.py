@@ -7,13 +7,13 @@ from contextlib import contextmanager
 import gc
 import os
 import signal
-import time
 
 from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.task import Future
 
+from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.ros import shared_memory
 
@@ -35,8 +35,8 @@ in a future.
 SIGNAL_PERIOD = 0.1
 """How long a signal may wait in an idle process [s]."""
 
-SAME_SIGNAL = 1.0
-"""Signals within this time of the first [s] count as one."""
+LARGEST_DOMAIN = 232
+"""The largest ROS domain: those above it would need ports that there are not."""
 
 
 def make_executor(context):
@@ -74,30 +74,24 @@ def spare_collections():
 @contextmanager
 def until_signalled(executor):
     """
-    Give a future that SIGINT and SIGTERM complete, and take the signals for it meanwhile.
+    Give a future that the first SIGINT or SIGTERM completes; those that follow do nothing.
 
     rclpy's own handlers shut the context down at once, after which a node can no longer say what
-    it has to: a last command of zero, the end of a recording. A second signal ends the process
-    the hard way, unless it comes with the first: a terminal and a parent may both send one.
+    it has to: a last command of zero, the end of a recording. When this is left, the process is
+    taken to be ending, and signals stay without effect: inside rclpy they would abort it.
     """
     future = Future(executor=executor)
-    signalled_at = []
 
     def stop(number, _frame):
-        signalled_at.append(time.monotonic())
         if not future.done():
             future.set_result(number)
-        elif signalled_at[-1] - signalled_at[0] > SAME_SIGNAL:
-            signal.signal(number, previous[number])
-            signal.raise_signal(number)
 
-    previous = {number: signal.signal(number, stop)
-                for number in (signal.SIGINT, signal.SIGTERM)}
+    for number in signals.SIGNALS:
+        signal.signal(number, stop)
     try:
         yield future
     finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+        signals.ignore()
 
 
 def local_by_default():
@@ -125,8 +119,13 @@ def initialize(context, arguments):
     Initialise a context, without rclpy's signal handlers; see to the shared memory first.
 
     :param arguments: a command line's, with ``--ros-args``
-    :raises ConfigurationError: if rcl does not take them
+    :raises ConfigurationError: if rcl does not take them, or there is no such ROS domain
     """
+    domain = os.environ.get('ROS_DOMAIN_ID', '')
+    if domain and not (domain.isdecimal() and int(domain) <= LARGEST_DOMAIN):
+        raise ConfigurationError(
+            f'{domain!r} is not valid, expected an integer from 0 to {LARGEST_DOMAIN}',
+            key='ROS_DOMAIN_ID')
     shared_memory.prepare()
     try:
         context.init(arguments)
@@ -168,7 +167,7 @@ def run(make_node, config=None, arguments=()):
             try:
                 while not signalled.done():
                     spin_some(executor, signalled)
-            except (ExternalShutdownException, KeyboardInterrupt):
+            except ExternalShutdownException:
                 pass
             finally:
                 node.close()

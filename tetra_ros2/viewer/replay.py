@@ -10,6 +10,7 @@ import time
 
 import numpy as np
 
+from tetra_ros2 import signals
 from tetra_ros2.drawing.theory import Theory
 from tetra_ros2.recording import reader as recording
 from tetra_ros2.viewer import export
@@ -138,7 +139,7 @@ def run(arguments):
     :raises ConfigurationError: if the recording cannot be read or the port is taken
     """
     signalled = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in signals.SIGNALS:
         signal.signal(number, lambda *_: signalled.set())
     loaded = recording.load(arguments.bag, arguments.namespace or None)
     page = Page(serve(arguments.host, arguments.port, arguments.read_only))
@@ -149,5 +150,6 @@ def run(arguments):
         now = time.monotonic()
         replay.advance(now - last)
         last = now
+    signals.ignore()
     stop(page.server)
     return 0

@@ -1,0 +1,63 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What SIGINT and SIGTERM do, from the first line of a process to its last.
+
+``ros2 launch`` sends SIGINT twice, once from the terminal to all and once by itself; ``timeout``
+and people do it more often. A signal that finds a process while it loads, or while rclpy takes
+itself apart, must leave neither a traceback nor a core.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+import os
+import signal
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""What ends a process in good order."""
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as a shell has it."""
+
+_interrupted = False
+
+
+def _handle(handler: Callable[[int, FrameType | None], object] | signal.Handlers) -> None:
+    with suppress(ValueError):  # not the main thread, so somebody else's process
+        for number in SIGNALS:
+            signal.signal(number, handler)
+
+
+def quit_at_once(status: int) -> None:
+    """
+    Let a signal end the process without a word, as long as there is nothing to put in order.
+
+    :param status: the exit status to end with
+    """
+    _handle(lambda *_: os._exit(status))
+
+
+def interrupt_once() -> None:
+    """Let the first signal raise KeyboardInterrupt, and all that follow do nothing."""
+    def interrupt(*_: object) -> None:
+        global _interrupted
+        _interrupted = True
+        ignore()
+        raise KeyboardInterrupt
+    _handle(interrupt)
+
+
+def interrupted() -> bool:
+    """Return whether a signal has raised KeyboardInterrupt."""
+    return _interrupted
+
+
+def ignore() -> None:
+    """
+    Let signals do nothing from now on: the process is ending.
+
+    Python keeps this through its own end; a function it would replace by the system's default.
+    """
+    _handle(signal.SIG_IGN)
