@@ -6,7 +6,6 @@
 from email import message_from_string
 import os
 from pathlib import Path
-import shutil
 import subprocess
 import sys
 from types import ModuleType, SimpleNamespace
@@ -29,29 +28,11 @@ def run(*command, **kwargs):
 
 
 @pytest.fixture(scope='module')
-def source(tmp_path_factory):
-    """Return a copy of the sources, so that building leaves nothing in the tree."""
-    copy = tmp_path_factory.mktemp('workspace') / 'src' / 'tetra_ros2'
-    shutil.copytree(TOP, copy, ignore=shutil.ignore_patterns(
-        '.*', '__pycache__', '*.egg-info', 'build', 'install', 'log'))
-    return copy
-
-
-@pytest.fixture(scope='module')
 def wheel(source, tmp_path_factory):
     target = tmp_path_factory.mktemp('wheel')
     run(sys.executable, '-m', 'pip', 'wheel', '--quiet', '--no-deps', '-w', target, source)
     file, = target.glob('*.whl')
     return file
-
-
-@pytest.fixture(scope='module')
-def workspace(source):
-    """Return a colcon workspace in which the package has been built."""
-    top = source.parents[1]
-    colcon = Path(sys.executable).with_name('colcon')
-    run(colcon, 'build', cwd=top)
-    return top
 
 
 def test_a_wheel_has_one_command_and_wants_no_ros(wheel):
@@ -139,7 +120,7 @@ def launch_file(monkeypatch):
     """
     modules = {
         'launch': ['LaunchDescription'],
-        'launch.actions': ['DeclareLaunchArgument', 'OpaqueFunction'],
+        'launch.actions': ['DeclareLaunchArgument', 'OpaqueFunction', 'Shutdown'],
         'launch.substitutions': [],
         'launch_ros': [],
         'launch_ros.actions': ['Node'],
@@ -196,7 +177,9 @@ def test_the_launch_file_passes_mode_and_seed_to_the_plant_only(launch_file):
         assert (node.parameters[1:] == [expected]) == (node.executable == 'plant')
 
 
-def test_the_launch_file_shows_the_formation_in_rviz_if_told_to(launch_file):
+def test_the_launch_file_shows_the_formation_in_rviz_if_told_to(launch_file, monkeypatch):
+    monkeypatch.setitem(launch_file.check_rviz.__globals__, 'get_package_share_directory',
+                        lambda _: '/opt/ros/jazzy/share/rviz2')
     assert not [n for n in launched(launch_file, config='complete') if n.package == 'rviz2']
     rviz, = (n for n in launched(launch_file, config='complete', namespace='orbit', rviz='true')
              if n.package == 'rviz2')

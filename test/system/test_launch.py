@@ -1,0 +1,181 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The launch file under the real ``ros2 launch``, where there is one."""
+
+import os
+from pathlib import Path
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+from harness import DEADLINE
+import pytest
+
+pytest.importorskip('launch_ros', reason='ros2 launch comes with ROS 2, and is not among wheels')
+from rcl_interfaces.srv import GetParameters
+
+EARLY = (0.1, 0.3, 0.6, 1.2, 2.4)
+"""Moments after the start of the nodes [s], from modules that load to a formation that moves."""
+
+
+class Launch:
+    """One ``ros2 launch`` of a colcon workspace, with all that it prints."""
+
+    def __init__(self, workspace, *arguments, prefix=()):
+        environment = {k: v for k, v in os.environ.items() if k != 'PYTHONPATH'}
+        environment.setdefault('AMENT_PREFIX_PATH', sys.prefix)
+        environment.setdefault('ROS_DISTRO', 'jazzy')
+        environment['ROS_LOG_DIR'] = str(workspace / 'ros_log')
+        environment['PATH'] = f'{Path(sys.executable).parent}:{environment["PATH"]}'
+        self.process = subprocess.Popen(
+            ['bash', '-c', '. install/setup.bash && exec "$@"', 'bash', *prefix,
+             'ros2', 'launch', *map(str, arguments)],
+            cwd=workspace, env=environment, text=True, start_new_session=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        self.output = ''
+
+    def wait_for(self, text):
+        """Read what it prints up to a line with this text."""
+        while text not in self.output:
+            line = self.process.stdout.readline()
+            assert line, f'{text!r} was never printed:\n{self.output}'
+            self.output += line
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        """End what is left, which is nothing unless the test has failed."""
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.communicate()
+
+    def interrupt(self):
+        """Do what Ctrl-C in a terminal does: signal all processes at once."""
+        os.killpg(self.process.pid, signal.SIGINT)
+
+    def end(self):
+        """Wait for the end, and return the exit status."""
+        rest, _ = self.process.communicate(timeout=DEADLINE)
+        self.output += rest
+        return self.process.returncode
+
+    def assert_clean(self, early=False):
+        """
+        Assert that no process of it is left, and that none died of anything but order.
+
+        :param early: whether Python itself may still have been starting, before it has read a
+            line of this package; what it says of a signal then is not ours
+        """
+        if early:
+            assert not re.search('File .*site-packages/tetra_ros2/', self.output), self.output
+            assert not set(re.findall(r'exit code (-?\d+)', self.output)) - {'-2', '1'}
+        else:
+            assert 'Traceback' not in self.output, self.output
+            assert 'process has died' not in self.output, self.output
+        for pid in re.findall(r'process started with pid \[(\d+)\]', self.output):
+            assert not Path(f'/proc/{pid}').exists(), self.output
+
+
+def launch(workspace, *arguments, **kwargs):
+    """Start the launch file that ships."""
+    assert shutil.which('ros2', path=f'{Path(sys.executable).parent}:{os.environ["PATH"]}')
+    return Launch(workspace, 'tetra_ros2', 'formation.launch.py', *arguments, **kwargs)
+
+
+def parameters(probe, node, *names):
+    """Return parameters of a node."""
+    response = probe.call(GetParameters, f'{node}/get_parameters',
+                          GetParameters.Request(names=list(names)))
+    return [value.string_value or value.integer_value for value in response.values]
+
+
+def test_mode_and_seed_come_before_what_the_configuration_says(workspace, probe):
+    with launch(workspace, 'config:=rotating', 'mode:=realtime', 'seed:=11') as started:
+        assert parameters(probe, 'plant', 'mode', 'seed') == ['realtime', 11]
+        started.interrupt()
+        started.end()
+        started.assert_clean()
+
+
+def test_a_node_without_a_name_in_a_launch_file_of_ones_own_takes_changes(
+        workspace, probe, tmp_path):
+    file = tmp_path / 'own.launch.py'
+    file.write_text(
+        'from launch import LaunchDescription\nfrom launch_ros.actions import Node\n'
+        'from tetra_ros2.config.share import shipped\n\n\n'
+        'def generate_launch_description():\n'
+        "    return LaunchDescription([Node(package='tetra_ros2', executable='plant',\n"
+        "        parameters=[str(shipped()['rotating']), {'mode': 'realtime', 'seed': 5}])])\n")
+    with Launch(workspace, file) as started:
+        assert parameters(probe, 'plant', 'mode', 'seed') == ['realtime', 5]
+        started.interrupt()
+        started.end()
+        started.assert_clean()
+
+
+@pytest.mark.parametrize(('argument', 'fragments'), [
+    ('mode:=fast', ['"mode"', '"fast"', 'realtime']),
+    ('seed:=x', ['seed', "'x'", 'integer']),
+    ('seed:=-2', ['seed', "'-2'", 'integer']),
+    ('rviz:=maybe', ['"rviz"', '"maybe"', 'true']),
+    ('rviz:=true', ['rviz2 is not installed', 'apt install']),
+    ('config:=rotatin', ["did you mean 'rotating'"]),
+    ('namespace:=a b', ['namespace', "'a b'"]),
+    ('record:=.', ['record', 'exists already']),
+])
+def test_a_wrong_argument_is_named_before_any_node_starts(workspace, argument, fragments):
+    if argument == 'rviz:=true' and shutil.which('rviz2'):
+        pytest.skip('rviz2 is installed')
+    with launch(workspace, argument) as started:
+        assert started.end() == 1
+        assert all(fragment in started.output for fragment in fragments), started.output
+        assert 'process started' not in started.output
+        assert 'Traceback' not in started.output
+
+
+def test_a_plant_that_dies_ends_the_launch(workspace, probe):
+    with launch(workspace) as started:
+        parameters(probe, 'plant', 'mode')
+        started.wait_for('[plant-1]: process started')
+        pid = re.search(r'\[plant-1\]: process started with pid \[(\d+)\]', started.output)[1]
+        os.kill(int(pid), signal.SIGKILL)
+        started.end()
+        assert 'process[plant-1] was required' in started.output
+        for pid in re.findall(r'process started with pid \[(\d+)\]', started.output):
+            assert not Path(f'/proc/{pid}').exists(), started.output
+
+
+@pytest.mark.parametrize('moment', EARLY)
+def test_ctrl_c_in_a_terminal_ends_all_nodes_cleanly(workspace, moment):
+    with launch(workspace) as started:
+        started.wait_for('[agent-6]: process started')
+        time.sleep(moment)  # what is tested is the moment, whatever may be going on in it
+        started.interrupt()
+        started.end()
+        started.assert_clean(early=True)
+
+
+@pytest.mark.parametrize('moment', EARLY)
+def test_timeout_ends_all_nodes_cleanly(workspace, moment):
+    with launch(workspace, prefix=('timeout', '-s', 'INT', '60')) as started:
+        started.wait_for('[agent-6]: process started')
+        time.sleep(moment)
+        started.process.send_signal(signal.SIGALRM)  # its 60 s are over
+        assert started.end() == 124
+        started.assert_clean(early=True)
+
+
+def test_many_signals_while_it_ends_do_no_harm(workspace, probe):
+    with launch(workspace) as started:
+        probe.listen_to_attitudes()
+        probe.wait_for(lambda: probe.stamp() > 1e9, 'a second')
+        for _ in range(10):
+            started.interrupt()
+            time.sleep(0.05)  # as fast as a person can
+        started.end()
+        started.assert_clean()
