@@ -38,16 +38,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     Run the command line.
 
-    :param argv: the arguments, without the program's name
+    :param argv: the arguments, without the program's name; None for those of this process, which
+        then also has its signals settled
     :returns: the exit status: 0 if all is well, 1 if a formation did not form, 2 for a wrong call
     """
     ours, ros = _split(sys.argv[1:] if argv is None else argv)
     # The options before a command are flags, so the first other word is the command.
     command = next((word for word in ours if not word.startswith('-')), '')
-    # A node takes the signals over when there is something to put in order.
-    signals.quit_at_once(0 if command in NODES else signals.INTERRUPTED)
+    if argv is None:
+        # A node takes the signals over when there is something to put in order.
+        signals.quit_at_once(0 if command in NODES else signals.INTERRUPTED)
     try:
-        return _run(command, ours, ros)
+        return _run(command, ours, ros, argv is None)
     except KeyboardInterrupt:
         return signals.INTERRUPTED
     except BrokenPipeError:
@@ -65,13 +67,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise
 
 
-def _run(command: str, ours: Sequence[str], ros: Sequence[str]) -> int:
+def _run(command: str, ours: Sequence[str], ros: Sequence[str], own: bool) -> int:
     """Run a command, and say in one line what was wrong with its call."""
     # All of these take their time to load; the last brings numpy, for which --help need not wait.
     from tetra_ros2.commands import _parser
     arguments = _parser.parse(command, ours)
     arguments.ros_arguments = ros
-    if command not in NODES:
+    if own and command not in NODES:
         signals.interrupt_once()
     from tetra_ros2.config.parameters import ConfigurationError
     try:

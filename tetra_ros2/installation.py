@@ -32,8 +32,9 @@ EXTRAS = {
 
 _EXTRA_OF = {
     'matplotlib': 'plot', 'PIL': 'plot', 'rosbags': 'record', 'viser': 'view', 'numba': 'study',
-    'pyarrow': 'study', 'distributed': 'cluster', 'dask': 'cluster', 'scipy': 'design', 'mcap': 'record',
-    'mujoco': 'physics', 'dynamixel_sdk': 'serial', 'argcomplete': 'completion',
+    'pyarrow': 'study', 'distributed': 'cluster', 'dask': 'cluster', 'scipy': 'design',
+    'mcap': 'record', 'mujoco': 'physics', 'dynamixel_sdk': 'serial',
+    'argcomplete': 'completion',
 }
 """The extra that brings a module that can be missing."""
 

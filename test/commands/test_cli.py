@@ -18,7 +18,7 @@ ABOVE = '/**:\n  ros__parameters:\n    '
 def modules_after(*arguments):
     """Return the modules that ``tetra`` has loaded when it ends."""
     code = ('import sys\nfrom tetra_ros2.cli import main\n'
-            'try:\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n'
+            'try:\n    main()\nexcept SystemExit:\n    pass\n'
             'print(*sys.modules, sep="\\n")')
     return set(subprocess.run([sys.executable, '-c', code, *arguments], capture_output=True,
                               text=True, check=True).stdout.split())

@@ -94,7 +94,8 @@ EXAMPLES = {
         'tetra analyze --config rotating --json',
     ),
     'design': (
-        'tetra design --help',
+        'tetra design --polyhedron cube --out cube.yaml',
+        'tetra design --polyhedron octahedron --spin 0 0 0.2 --max-degree 4',
     ),
     'study': (
         'tetra study --starts 10000 --out study',
