@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from tetra_ros2.cli import main
-from tetra_ros2.commands.study import INTERRUPTED
 from tetra_ros2.launcher import Launcher
+from tetra_ros2.signals import INTERRUPTED
 from tetra_ros2.study import executors, montecarlo
 
 ARGUMENTS = ['--gain', 'cosine', '--gain', 'exponential', '--starts', '60']
@@ -138,7 +138,7 @@ def test_a_local_cluster_gives_the_same_files(tmp_path):
 STOPPING = """
 import sys
 from tetra_ros2.cli import main
-from tetra_ros2.commands.study import INTERRUPTED
+from tetra_ros2.signals import INTERRUPTED
 from tetra_ros2.study import montecarlo
 
 compute = montecarlo.compute
