@@ -21,7 +21,9 @@ from tetra_ros2.formation import (
     equilibria,
     gain,
     law,
+    polyhedra,
     rate_loop,
+    rings,
     rotation,
     shapes,
     sphere,
@@ -145,6 +147,23 @@ SABOTAGE = {
     'rate-loop-limit': (rate_loop, 'min_bandwidth', lambda gamma, weights, gain,
                         true=rate_loop.min_bandwidth: 1.1 * true(gamma, weights, gain)),
     'decomposition': (equilibria, 'find_equilibria', lambda *_: ([], 300)),
+    'solid-classes': (polyhedra, 'SOLIDS', {'cube': sphere.normalize(
+        polyhedra.SOLIDS['cube'] * [1.0, 1.0, 1.1])}),
+    'solid-others': (polyhedra, 'anisotropy', lambda points: np.zeros(3)),
+    'solid-spin': (law, 'velocity', lambda gamma, weights, gain, true=law.velocity: 1.001 * true(
+        gamma, weights, gain)),
+    'solid-weights': (polyhedra, 'weights', lambda *a, true=polyhedra.weights: true(
+        *a[:3], 1.001 * a[3])),
+    'solid-paper': (polyhedra, 'spin_rate', lambda *a, true=polyhedra.spin_rate: 1.001 * true(*a)),
+    'solid-mirror': (stability, 'mirrored', lambda gamma: gamma),
+    'solid-stable': (polyhedra, 'CLASS_WEIGHTS', {
+        name: -np.ones(len(polyhedra.CLASS_WEIGHTS[name])) for name in polyhedra.SOLIDS}),
+    'solid-starts': (polyhedra, 'CLASS_WEIGHTS', {
+        **polyhedra.CLASS_WEIGHTS, 'cube': (1.0, 0.0, 0.0)}),
+    'ring-spin': (law, 'velocity', lambda gamma, weights, gain, true=law.velocity: 1.001 * true(
+        gamma, weights, gain)),
+    'ring-rate': (rings, 'slowest_rate', lambda n, gain, true=rings.slowest_rate: 1.001 * true(
+        n, gain)),
 }
 
 

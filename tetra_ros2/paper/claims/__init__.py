@@ -18,6 +18,7 @@ SECTIONS = (
     'rotating',
     'simulation',
     'rate_loops',
+    'polyhedra',
 )
 """The modules of this package that hold claims, in the order of the paper."""
 
