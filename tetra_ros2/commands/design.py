@@ -278,7 +278,7 @@ def _print(figures, made, outcome, refusals, arguments):
     from rich.table import Table
     from rich.text import Text
 
-    from tetra_ros2.formation import measures, stability
+    from tetra_ros2.formation import measures
     table = Table.grid(padding=(0, 2))
 
     def row(caption, text):
@@ -304,13 +304,20 @@ def _print(figures, made, outcome, refusals, arguments):
     for gamma, count in outcome.others:
         angles = np.degrees(measures.pairwise_angles(gamma))
         row('', f'{count} came to another shape ({count / outcome.starts:.1%}): '
-                f'{stability.classify(gamma)}, {np.min(angles):.2f} to {np.max(angles):.2f} deg '
+                f'{_what(gamma)}, {np.min(angles):.2f} to {np.max(angles):.2f} deg '
                 'between any two')
     if outcome.unsettled:
         row('', f'{outcome.unsettled} had come to nothing yet')
     if arguments.out is not None:
         row('written', f'{arguments.out}; tetra launcher --config {arguments.out} runs it')
     Console(width=None if sys.stdout.isatty() else 120).print(table)
+
+
+def _what(gamma):
+    """Return in words what shape a formation has."""
+    from tetra_ros2.formation import equilibria, targets
+    name = targets.name(gamma)
+    return equilibria.classify(gamma) if name.startswith('formation') else name
 
 
 def _configuration(made, arguments):
