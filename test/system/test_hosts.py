@@ -125,6 +125,16 @@ def test_it_forms_through_loss_delay_and_jitter_and_survives_partition_and_reboo
         assert net.forms()
 
 
+def test_lockstep_goes_on_at_a_pace_when_messages_are_lost():
+    with network(mode='lockstep') as net:
+        assert net.watcher.wait(lambda: net.watcher.fresh, 30.0)
+        for loss, least in ((0.1, 50.0), (0.3, 15.0)):
+            net.hosts.network(loss=loss)
+            net.watcher.wait(lambda: False, 1.0)
+            # Waiting a fixed time for each repetition made 7 of both.
+            assert net.steps_per_second(100.0, 4.0) > least
+
+
 def test_a_plant_that_is_rebooted_is_believed_again():
     with network() as net:
         assert net.forms()

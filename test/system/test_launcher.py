@@ -171,8 +171,8 @@ def test_a_second_formation_in_the_same_namespace_is_refused_or_reported(probe):
         try:
             with Launcher('complete', parameters={'real_time_factor': 1.0}) as second:
                 # DDS may take seconds to show the one to the other.
-                spin_while(second, probe, second.monitor.crowded_topics, 'what is crowded')
-                assert '/formation/attitudes' in second.monitor.crowded_topics()
+                spin_while(second, probe, second.monitor.publisher_conflicts, 'the conflict')
+                assert '/formation/attitudes' in second.monitor.publisher_conflicts()
                 second.monitor.health.report()
                 assert 'more than one publisher' in second.monitor.health.message
         except ConfigurationError as error:
@@ -280,9 +280,13 @@ def test_pause_and_reset_services(probe, mode):
         assert formation.plant.stepper.stamp >= stamp, 'a reset does not turn time back'
         rng = np.random.default_rng(4)
         first, second = (rotation.random(rng, (4,)) for _ in range(2))
-        distance = [np.abs(formation.plant.bodies.attitudes - start).max()
-                    for start in (first, second)]
-        assert distance[1] < 0.5 < distance[0], 'the next start of the same seed'
+
+        def distance(start):
+            return np.abs(formation.plant.bodies.attitudes - start).max()
+
+        assert distance(first) < 0.5 < distance(second), 'the start of the seed again'
+        assert call(formation, probe, Trigger, 'plant/randomize', Trigger.Request()).success
+        assert distance(second) < 0.5 < distance(first), 'the next one'
 
 
 def set_parameter(formation, probe, node, name, value):

@@ -135,7 +135,7 @@ def test_a_second_agent_of_the_same_number_is_reported(processes, probe):
     status = probe.wait_for_health(
         '/agent_1', lambda s: 'more than one publisher' in s.message, 'the report of the agent')
     assert status.level == b'\x01'
-    assert values(status)['crowded topics'] == '1'
+    assert values(status)['publisher conflicts'] == '1'
     status = probe.wait_for_health(
         '/plant', lambda s: 'more than one publisher' in s.message, 'the report of the plant')
     assert '/agent_1/cmd_vel' in status.message

@@ -19,7 +19,7 @@ from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.wire import cdr
 
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
-stamps = st.integers(0, 2**31 * 1_000_000_000 - 1)
+stamps = st.integers(0, (2**31 - 1) * 10**9 - 1)
 frames = st.text(st.characters(codec='utf-8', exclude_characters='\0'), max_size=40)
 
 
@@ -165,7 +165,7 @@ def test_a_flipped_byte_never_crashes_the_codec(case, data):
 def test_a_message_of_another_frame_is_not_taken(case, other):
     kind, make, frame, stamp, values = case
     raw = serialize_message(message_of(kind, frame, stamp, values))
-    if other != frame:
+    if other != frame and frame:
         with pytest.raises(Rejected, match=Rejected.WRONG_FRAME):
             make(other).decode(raw)
 
@@ -199,3 +199,22 @@ def test_the_time_of_a_clock_is_read_as_rclpy_writes_it(stamp):
 def test_a_clock_that_is_too_short_is_malformed(message):
     with pytest.raises(Rejected, match=Rejected.MALFORMED):
         cdr.time(message)
+
+
+@pytest.mark.parametrize(('seconds', 'nanoseconds'), [
+    (0, 10**9), (5, 4_000_000_000), (2**31 - 1, 0), (-1, 0), (-2**31, 999_999_999)])
+@pytest.mark.parametrize('tail', [b'', b'\0'], ids=['usual', 'longer'])
+def test_a_stamp_that_no_clock_can_give_is_refused(seconds, nanoseconds, tail):
+    codec = cdr.vector3_stamped('agent_1')
+    raw = bytearray(codec.encode(0, 1.0, 0.0, 0.0))
+    raw[4:12] = struct.pack('<iI', seconds, nanoseconds)
+    with pytest.raises(Rejected, match=Rejected.IMPOSSIBLE_STAMP):
+        codec.decode(bytes(raw) + tail)
+    with pytest.raises(Rejected, match=Rejected.IMPOSSIBLE_STAMP):
+        cdr.time(bytes(raw[:12]))
+
+
+@given(st.sampled_from([cdr.vector3_stamped, cdr.twist_stamped]), stamps)
+def test_a_message_without_a_frame_is_taken(make, stamp):
+    raw = make('').encode(stamp, *range(6)[:3 if make is cdr.vector3_stamped else 6])
+    assert make('agent_1').decode(raw)[0] == stamp

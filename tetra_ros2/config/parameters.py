@@ -279,7 +279,15 @@ BODIES = (
 )
 """What the plant's bodies are made of."""
 
+ON_PUBLISHER_CONFLICT = Parameter(
+    'on_publisher_conflict', 'report', 'What to do while a second publisher is on a topic that is '
+    "one node's own: report it, or hold still until it is one again.",
+    choices=('report', 'hold'), dynamic=True)
+
+AGENT += (ON_PUBLISHER_CONFLICT,)
+
 PLANT = FORMATION + (
+    ON_PUBLISHER_CONFLICT,
     Parameter(
         'mode', 'lockstep', 'How time passes: lockstep waits for every command, realtime for '
         'none.', choices=('lockstep', 'realtime')),

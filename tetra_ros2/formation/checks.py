@@ -13,10 +13,11 @@ SHORTEST, LONGEST = (1.0 - UNIT_TOLERANCE) ** 2, (1.0 + UNIT_TOLERANCE) ** 2
 
 
 class Rejected(Exception):
-    """A message that must not be used; its text is one of a few constant reasons, to count by."""
+    """A message that must not be used; its text is the reason, to count by."""
 
     MALFORMED = 'malformed'
     WRONG_FRAME = 'wrong frame'
+    IMPOSSIBLE_STAMP = 'impossible stamp'
     OLD_STAMP = 'old stamp'
     FUTURE_STAMP = 'stamp from the future'
     NOT_FINITE = 'not finite'

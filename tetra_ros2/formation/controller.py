@@ -3,7 +3,7 @@
 
 """One agent, in plain floats: what it does with what it sees."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 import math
 from typing import Any
 
@@ -12,6 +12,17 @@ from tetra_ros2.formation.checks import LONGEST, refuse_direction, Rejected, SHO
 from tetra_ros2.formation.gain import Gain
 
 NEVER = -math.inf
+
+AHEAD = 600_000_000
+"""
+How far a measurement's stamp may be ahead of the newest one in use [ns], if nobody set it.
+
+A true one is not, as long as the plant sends again before ``measurement_timeout`` is over: after
+that what was seen is forgotten, and any stamp is welcome.
+"""
+
+LONGEST_LEAP = 4
+"""Or how many times as far as from the last round but one to the last."""
 
 
 class Controller:
@@ -23,19 +34,32 @@ class Controller:
     been sent once more. All that this class knows is the agent's own axis, how much each
     neighbour counts, and what was seen of them, in the agent's body frame.
 
+    No stamp of one message may keep out the true ones that come after it. So a stamp far ahead of
+    those in use is refused, unless the agent's own clock says the same; one that is not far ahead
+    is taken, and gives way to the next one of the same neighbour that is as new as what the
+    others say. If every neighbour speaks of another time, it is the plant's clock that was set,
+    and all of them are believed.
+
     :param axis: the agent's pointing axis b_i in its body frame, a unit vector (x, y, z)
     :param weights: W(i, j) for each neighbour; a neighbour's index here is its *slot* below
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`; may be replaced at any time
+    :param clock: returns the time on the agent's own clock [ns]; 0 where it has none
     :ivar received: how many measurements were taken
+    :ivar ahead: how far a stamp may be ahead of the newest one in use [ns]
     """
 
-    def __init__(self, axis: Iterable[float], weights: Iterable[float], gain: Gain) -> None:
+    def __init__(self, axis: Iterable[float], weights: Iterable[float], gain: Gain,
+                 clock: Callable[[], int] = lambda: 0) -> None:
         x, y, z = axis
         self.axis: Vector = x, y, z
         self.weights = tuple(weights)
         self.gain = gain
         self.stamp = 0  # of the newest measurement seen [ns]
         self.received = 0
+        self.ahead = AHEAD
+        self._clock = clock
+        self._suspects = {}  # for each slot the stamp that was refused last, and what was seen
+        self._answered = self._step = 0  # the last round's stamp, and how far it leapt
         self.heard_at = [NEVER] * len(self.weights)
         self._seen: list[Any] = [None] * len(self.weights)  # a Vector, once there is one
         self._stamps = [0] * len(self.weights)
@@ -51,14 +75,16 @@ class Controller:
         :param seen: the neighbour's pointing axis y_ij in this agent's body frame (x, y, z)
         :param now: when it was received, on any clock that never goes back [s]
         :returns: the command (x, y, z) [rad/s] in the body frame, for the time ``self.stamp``
-        :raises Rejected: if it is older than one already used, not finite or not a unit vector;
-            nothing has changed then
+        :raises Rejected: if it is older than one already used, from too far ahead, not finite or
+            not a unit vector; it is not used then
         """
         x, y, z = seen
         if not SHORTEST <= x * x + y * y + z * z <= LONGEST:
             refuse_direction(x, y, z)
-        if stamp < self._stamps[slot]:
-            raise Rejected(Rejected.OLD_STAMP)
+        if stamp < self._stamps[slot] or stamp > self.stamp + self.ahead:
+            self._doubt(slot, stamp, seen, now)
+        elif self._suspects:
+            self._suspects.pop(slot, None)
         self._seen[slot] = seen
         self._stamps[slot] = stamp
         self.heard_at[slot] = now
@@ -72,7 +98,53 @@ class Controller:
         if self._missing:
             return None
         self._missing = self._all
+        if stamp != self._answered:
+            self._step, self._answered = stamp - self._answered, stamp
         return self.angular_velocity()
+
+    def _doubt(self, slot: int, stamp: int, seen: Vector, now: float) -> None:
+        """
+        Raise Rejected for a stamp that is not to be believed, or make room for it.
+
+        :param slot: which neighbour was measured
+        :param stamp: when, as the message has it [ns]
+        :param seen: what was measured
+        :param now: when it was received [s]
+        """
+        if not self.stamp:
+            return  # nothing is in use yet
+        if stamp > self.stamp:
+            # There was a gap, or the plant takes long steps.
+            if abs(stamp - self._clock()) < self.ahead or not self._step \
+                    or stamp - self.stamp <= LONGEST_LEAP * self._step:
+                return
+        elif self._is_better(slot, stamp):
+            self._stamps[slot] = 0
+            self.stamp = max(self._stamps)
+            self._missing = sum(1 << k for k, s in enumerate(self._stamps) if s != self.stamp)
+            return
+        reason = Rejected.FUTURE_STAMP if stamp > self.stamp else Rejected.OLD_STAMP
+        self._suspects[slot] = stamp, seen
+        stamps = [s for s, _ in self._suspects.values()]
+        if len(stamps) < len(self._stamps) or len(stamps) == 1 \
+                or max(stamps) - min(stamps) > self.ahead:
+            raise Rejected(reason)
+        # Every neighbour speaks of another time: the plant's clock was set.
+        suspects = dict(self._suspects)
+        self.forget()
+        for k, (s, direction) in suspects.items():
+            self._stamps[k], self._seen[k], self.heard_at[k] = s, direction, now
+        self.stamp, self._step = max(stamps), 0
+        self._missing = sum(1 << k for k, s in enumerate(self._stamps) if s != self.stamp)
+
+    def _is_better(self, slot: int, stamp: int) -> bool:
+        """Return whether it is the stamp in use, and not this older one, that is wrong."""
+        in_use = self._stamps[slot]
+        others = [s for k, s in enumerate(self._stamps) if k != slot and self._seen[k] is not None]
+        if others:
+            return stamp >= max(others)
+        clock = self._clock()
+        return clock > 0 and abs(stamp - clock) < min(in_use - clock, self.ahead)
 
     def angular_velocity(self) -> Vector:
         """
@@ -111,10 +183,10 @@ class Controller:
 
     def forget(self, before: float = math.inf) -> None:
         """
-        Forget the measurements of neighbours not heard since: what they say next is welcome.
+        Forget the measurements of neighbours not heard since a time.
 
-        They were silent for longer than the time-out. The next message may come from a plant that
-        was started again and whose clock begins anew, so any stamp is accepted then.
+        What they say next is welcome, whatever its stamp: it may be of a plant that was started
+        again, with a clock that was started again.
 
         :param before: forget those last heard before this time [s]; by default all
         """
@@ -122,3 +194,4 @@ class Controller:
             if heard_at < before:
                 self.heard_at[slot], self._seen[slot], self._stamps[slot] = NEVER, None, 0
         self.stamp, self._missing = max(self._stamps, default=0), self._all
+        self._suspects.clear()

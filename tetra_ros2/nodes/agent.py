@@ -22,6 +22,9 @@ from tetra_ros2.ros import diagnostics, executor, parameters, qos
 from tetra_ros2.ros.node import FormationNode, raw_publish
 from tetra_ros2.wire import cdr, names
 
+MARGIN = 0.1
+"""How much further ahead than ``measurement_timeout`` a stamp may be [s]."""
+
 
 class Agent(FormationNode):
     """
@@ -45,13 +48,14 @@ class Agent(FormationNode):
         self._neighbors = [j for j, _ in neighbors]
         self._controller = Controller(
             formation.pointing_axes[i - 1].tolist(), [weight for _, weight in neighbors],
-            formation.gain)
+            formation.gain, self._own_time)
         self._measurement = cdr.vector3_stamped(names.body_frame(i))
         self._encode = cdr.twist_stamped(names.body_frame(i)).encode
         self._before = 0, 0  # measurements and answers, until the last tick
         self._state = diagnostics.WARN, 'waiting for measurements'
         self._newest = 0  # stamp of the newest measurement ever answered [ns]
         self.answers = self.partial_answers = self.stops = 0
+        self._held = []  # topics with two publishers, while this agent holds still for it
         # Silence is measured in the time that the formation lives in.
         self._clock_of_ticks = self.steady_clock
         self._now = time.monotonic
@@ -64,12 +68,16 @@ class Agent(FormationNode):
         self._send = raw_publish(self._publisher)
         for slot, j in enumerate(self._neighbors):
             self.listen(Vector3Stamped, names.relative_attitude(i, j),
-                        self._receiver(slot, f'agent_{j}'), qos.NEWEST)
+                        self._receiver(slot, f'agent_{j}'), qos.NEWEST, guarded=False)
         self.report_health()
         self._ticker = None
         self._apply(values)
         if not neighbors:
             self.get_logger().warning('this agent sees nobody and will never move')
+
+    def _own_time(self):
+        """Return the time of this node's clock [ns], which a true stamp is near in real time."""
+        return self.get_clock().now().nanoseconds
 
     def _sim_time(self):
         return self.get_clock().now().nanoseconds / 1e9
@@ -90,6 +98,8 @@ class Agent(FormationNode):
         """Follow the parameters that may change at run time."""
         self._controller.gain = gain_from_parameters(values)
         self._timeout = values['measurement_timeout']
+        self._controller.ahead = round(1e9 * (min(self._timeout, 1e6) + MARGIN))
+        self._hold = values['on_publisher_conflict'] == 'hold'
         period = 1.0 / values['rate']
         if self._ticker is None or self._ticker.timer_period_ns != round(period * 1e9):
             if self._ticker is not None:
@@ -105,13 +115,15 @@ class Agent(FormationNode):
             try:
                 stamp, seen = decode(message)
                 rate = receive(slot, stamp, seen, now())
-            except Rejected as rejection:
-                self.health.reject(rejection, source)
-                return
-            if rate is not None:
+                if rate is None or self._held:
+                    return
                 self._publish(stamp, rate)
                 self._newest = stamp
                 self.answers += 1
+            except Rejected as rejection:
+                self.health.reject(rejection, source)
+            except Exception as error:  # whatever comes in may not end this node
+                self.health.survive(error)
 
         return on_measurement
 
@@ -126,10 +138,18 @@ class Agent(FormationNode):
         now = controller.received, self.answers
         heard, answered = (a != b for a, b in zip(now, self._before))
         self._before = now
+        newest = controller.stamp
+        self._held = self._hold and self.publisher_conflicts()
+        if self._held:
+            if newest:
+                self._newest = newest
+            self._stop()
+            self._state = diagnostics.ERROR, \
+                f'holding still, more than one publisher on {", ".join(self._held)}'
+            return
         if answered:
             self._state = diagnostics.OK, 'answering'
             return
-        newest = controller.stamp
         controller.forget(before=self._now() - self._timeout)
         if not self._neighbors:
             self._state = diagnostics.WARN, 'sees nobody'
@@ -137,13 +157,13 @@ class Agent(FormationNode):
             if heard:
                 # As old as its oldest measurement: the answer is no newer than that.
                 self._publish(controller.oldest_stamp, controller.angular_velocity())
-                self._newest = max(self._newest, newest)
+                self._newest = newest
                 self.partial_answers += 1
                 self._state = diagnostics.WARN, 'answering to measurements of different times'
         else:
             unseen = ', '.join(names.agent(self._neighbors[s]) for s in controller.unseen())
             if self._newest:
-                self._newest = max(self._newest, newest)
+                self._newest = newest or self._newest
                 self._stop()
                 self._state = diagnostics.ERROR, f'stopped, nothing heard of {unseen}'
             else:

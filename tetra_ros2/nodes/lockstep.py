@@ -14,13 +14,42 @@ from tetra_ros2.ros import diagnostics, qos
 from tetra_ros2.ros.node import raw_publish
 from tetra_ros2.wire import cdr, names
 
+SHORTEST_PATIENCE = 4e-3
+"""How long to wait for answers at least before measurements are repeated [s]."""
+
+OFTEN = 100
+"""How often they are repeated in a step before that happens once in ``republish_period`` only."""
+
+
+class RoundTrip:
+    """
+    How long answers take, learnt from those that came, as TCP learns it (RFC 6298).
+
+    :ivar patience: after which time an answer is probably lost [s]
+    """
+
+    def __init__(self):
+        self.patience = 10.0 * SHORTEST_PATIENCE
+        self._mean = self._deviation = None
+
+    def take(self, seconds):
+        """Take how long the last answer to a step took, if nothing of that step was repeated."""
+        if self._mean is None:
+            self._mean, self._deviation = seconds, 0.5 * seconds
+        else:
+            self._deviation += 0.25 * (abs(seconds - self._mean) - self._deviation)
+            self._mean += 0.125 * (seconds - self._mean)
+        self.patience = max(SHORTEST_PATIENCE, self._mean + 4.0 * self._deviation)
+
 
 class Lockstep(Stepper):
     """
     The plant waits for all commands that answer step k, and only then takes the step.
 
-    State and measurements go out again every ``republish_period`` while it waits: who joined
-    late, or lost a message, costs time and nothing else. An agent that falls silent for
+    While it waits, it repeats the measurements of those whose answers are missing. It does so
+    after a time that it learns from the answers, as TCP does, and less and less often, down to
+    once in ``republish_period``, when the state goes out again too: who joined late, or lost a
+    message, costs time and nothing else. An agent that falls silent for
     ``command_timeout`` is held still and not waited for until it answers again; one that has
     never answered is waited for. The stamp of the first measurements is one period: to ROS, a
     stamp of zero means no time at all.
@@ -47,7 +76,9 @@ class Lockstep(Stepper):
         self._waiting_since = time.monotonic()
         self._last_stamp = None
         self._pace = None  # between two steps [s]
-        self._patience = 0.0  # how long to wait before the measurements are sent again [s]
+        self._round_trip = RoundTrip()
+        self._repeated = 0  # how often this step was repeated
+        self._repeated_at = 0.0
         self._watchdog = self._pacer = None
         self._send_time = raw_publish(
             plant.offer(ClockMessage, names.CLOCK, qos.NEWEST, exclusive=True))
@@ -60,9 +91,9 @@ class Lockstep(Stepper):
         if self._watchdog is None:
             self._last_stamp = round(values['duration'] * 1e9) + self._period \
                 if values['duration'] else None
-            self._patience = values['republish_period']
+            self._longest = values['republish_period']
             self._watchdog = self._plant.create_steady_timer(
-                self._patience, self._on_watchdog)
+                min(0.5 * SHORTEST_PATIENCE, self._longest), self._on_watchdog)
         # With nobody to wait for, something else must set the pace.
         factor = values['real_time_factor'] or (0.0 if self._everybody else 100.0)
         pace = self._h / factor if factor else None
@@ -112,6 +143,8 @@ class Lockstep(Stepper):
             self._rates[i] = rate
             self._missing &= ~bit
             if not self._missing:
+                if not self._repeated:  # otherwise nobody knows which one was answered
+                    self._round_trip.take(time.monotonic() - self._waiting_since)
                 self._advance()
         elif stamp > self.stamp + 1:  # a stop is one nanosecond younger than what it follows
             raise Rejected(Rejected.FUTURE_STAMP)
@@ -125,6 +158,7 @@ class Lockstep(Stepper):
         self._rates[:] = self._still
         self._missing = self._everybody & ~self._absent
         self._waiting_since = time.monotonic()
+        self._repeated = 0
         self._publish()
 
     def _publish(self):
@@ -133,7 +167,7 @@ class Lockstep(Stepper):
 
     def _advance(self):
         """Take the step if there is nothing left to wait for."""
-        if self._missing or self.paused or not self._due:
+        if self._missing or self.paused or not self._due or self._plant.held_agents():
             return
         if self._last_stamp is not None and self.stamp >= self._last_stamp:
             self.paused, self._last_stamp = True, None
@@ -149,26 +183,40 @@ class Lockstep(Stepper):
 
     def _on_watchdog(self):
         """Repeat the measurements, or give up on those who do not answer."""
-        waited = time.monotonic() - self._waiting_since
-        if not self.stamp or waited < 0.5 * self._patience:
+        now = time.monotonic()
+        waited = now - self._waiting_since
+        if not self.stamp or waited < self._round_trip.patience:
             return
         silent = self._missing & self._known
         if silent and waited > self._timeout and not self.paused:
             self._absent |= silent
             self._absent_since = self.stamp
             self._missing &= ~silent
-        if self._missing or self.paused or not self._due:
-            self.repetitions += 1
-            self._publish()
-        else:
+        if not (self._missing or self.paused or not self._due):
             self._advance()
+            return
+        since = now - max(self._repeated_at, self._waiting_since)
+        often = self._repeated < OFTEN and self._missing & self._known and not self.paused
+        if since >= self._longest:
+            self._publish()
+        elif often and since >= self._round_trip.patience:
+            self._plant.repeat(self.stamp, self._missing)
+        else:
+            return
+        self._repeated_at = now
+        self._repeated += 1
+        self.repetitions += 1
 
     def assess(self, health):
         """Return level, message and figures for the diagnostics."""
         rates = health.rates({'step rate [Hz]': self.steps})
         waited = time.monotonic() - self._waiting_since
-        values = {'mode': 'lockstep', 'formation time [s]': self.stamp / 1e9, 'steps': self.steps,
-                  **rates, 'repetitions': self.repetitions, 'late commands': self.late}
+        state = 'paused' if self.paused else 'waiting' if self._missing and waited > 1.0 \
+            else 'running'
+        values = {'mode': 'lockstep', 'state': state, 'formation time [s]': self.stamp / 1e9,
+                  'steps': self.steps, **rates,
+                  'patience [s]': self._round_trip.patience,
+                  'repetitions': self.repetitions, 'late commands': self.late}
         if self._absent:
             absent = agents_of(self._absent)
             return diagnostics.ERROR, f'held still, not answering: {absent}', values

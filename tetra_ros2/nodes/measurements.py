@@ -59,8 +59,25 @@ class Measurements:
             sees them
         """
         head = cdr.head(stamp)
+        self.tell(head, seen_by, lost)
+        # Last, as nobody's answer waits for it.
+        state: list[float] = []
+        for position, orientation in zip(bodies.reduced, bodies.attitudes):
+            state += position
+            state += orientation
+        prefix, pack = self._state.encoder(head)
+        self._send_state(prefix + pack(*state))
+
+    def tell(self, head: bytes, seen_by: Callable[[int, Sequence[int]], Any],
+             lost: Collection[int] = NOBODY, agents: int = -1) -> None:
+        """
+        Publish what everybody sees.
+
+        :param head: of the messages, with their stamp
+        :param agents: bits of an integer: only what these see; by default all
+        """
         for i, others, senders, encoder in self._sensors:
-            if i in lost:
+            if i in lost or not agents >> i & 1:
                 continue
             prefix, pack = encoder(head)
             if lost:
@@ -70,10 +87,3 @@ class Measurements:
                 continue
             for send, (x, y, z) in zip(senders, seen_by(i, others)):
                 send(prefix + pack(x, y, z))
-        # Last, as nobody's answer waits for it.
-        state: list[float] = []
-        for position, orientation in zip(bodies.reduced, bodies.attitudes):
-            state += position
-            state += orientation
-        prefix, pack = self._state.encoder(head)
-        self._send_state(prefix + pack(*state))

@@ -22,10 +22,14 @@ from tetra_ros2.formation.sensing import delay_in_steps, Sensors
 from tetra_ros2.nodes.lockstep import Lockstep
 from tetra_ros2.nodes.measurements import Measurements, NOBODY
 from tetra_ros2.nodes.realtime import RealTime
+from tetra_ros2.nodes.stepper import agents_of
 from tetra_ros2.nodes.vehicles import STILL, Vehicles
 from tetra_ros2.ros import diagnostics, executor, parameters, qos
 from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.wire import cdr, names
+
+CONFLICT_PERIOD = 0.05
+"""How often to look for a second publisher, where one holds a body still [s]."""
 
 
 class Plant(FormationNode):
@@ -52,10 +56,14 @@ class Plant(FormationNode):
             self.get_logger().info(f'random initial attitudes of seed {self.seed}')
         self._rng = np.random.default_rng(max(self.seed, 0))
         self._vehicles = Vehicles(self, {**values, 'seed': self.seed}, self.formation)
-        self.bodies = self._vehicles.make(self._initial_attitudes())
+        self._start = self._given_attitudes
+        if self._start is None:
+            self._start = self._vehicles.draw(self._rng)
+        self.bodies = self._vehicles.make(self._start)
         self.stopped = False  # by the emergency stop, until it is released
 
         self._measurements = Measurements(self, topology)
+        self._held, self._conflict_timer, self._command_inputs = 0, None, []
         self._commands = []  # for each agent: what gives its next command, and what takes it
         self._imperfect = self._make_imperfect_sensors(values)
         self.mode = values['mode']
@@ -63,10 +71,13 @@ class Plant(FormationNode):
         self.stepper = stepper(self, self._measurements.observers)
         for i in range(1, n + 1):
             on_command = self._receiver(i)
-            subscription = self.listen(TwistStamped, names.cmd_vel(i), on_command, qos.COMMANDS)
+            subscription = self.listen(TwistStamped, names.cmd_vel(i), on_command, qos.COMMANDS,
+                                       guarded=False)
+            self._command_inputs.append(subscription)
             if self.stepper.reads_commands:
                 self._commands.append((self.queue(subscription), on_command))
         self.create_service(Trigger, names.RESET, self._on_reset)
+        self.create_service(Trigger, names.RANDOMIZE, self._on_randomize)
         self.create_service(SetBool, names.PAUSE, self._on_pause)
         self.create_service(SetBool, names.stop(names.PLANT), self._on_stop)
         self.report_health()
@@ -96,11 +107,6 @@ class Plant(FormationNode):
         """Let time stand still."""
         self.stepper.stop()
 
-    def _initial_attitudes(self):
-        if self._given_attitudes is not None:
-            return self._given_attitudes
-        return self._vehicles.draw(self._rng)
-
     def _accept(self, values):
         formation = formation_from_parameters(values)
         initial_attitudes(values, formation.topology.n)
@@ -115,6 +121,12 @@ class Plant(FormationNode):
         """Follow the parameters that may change at run time."""
         self.rate = values['rate']
         self._max_angular_velocity = values['max_angular_velocity']
+        self._hold = values['on_publisher_conflict'] == 'hold'
+        if self._conflict_timer is None and self._hold:
+            self._conflict_timer = self.create_steady_timer(
+                CONFLICT_PERIOD, self._look_for_conflicts)
+        if not self._hold:
+            self._held = 0
         self.stepper.configure(values)
 
     def publish(self, stamp):
@@ -124,11 +136,17 @@ class Plant(FormationNode):
             bodies.look()
             lost = bodies.lost
         if sensors is None:
-            sensors = bodies
+            sensors = self.bodies
         else:
             sensors.sample(stamp)
         self._measurements.publish(stamp, bodies, sensors.seen_by, lost)
         self._vehicles.tell(stamp)
+
+    def repeat(self, stamp, agents):
+        """Publish what these agents, bits of an integer, see once more."""
+        sensors = self.bodies if self._imperfect is None else self._imperfect
+        lost = NOBODY if self._vehicles.poses is None else self.bodies.lost
+        self._measurements.tell(cdr.head(stamp), sensors.seen_by, lost, agents)
 
     def read_commands(self):
         """
@@ -152,19 +170,33 @@ class Plant(FormationNode):
                 command(i - 1, stamp, STILL if self.stopped else (x, y, z))
             except Rejected as rejection:
                 self.health.reject(rejection, names.agent(i))
+            except Exception as error:  # whatever comes in may not end this node
+                self.health.survive(error)
 
         return on_command
 
     def _on_reset(self, _request, response):
         self.reset()
         response.success = True
-        response.message = 'back to the initial attitudes' \
-            if self._given_attitudes is not None else 'at new random attitudes'
+        response.message = 'back to the initial attitudes'
+        return response
+
+    def _on_randomize(self, _request, response):
+        self.randomize()
+        response.success = True
+        response.message = 'at new random attitudes'
         return response
 
     def reset(self):
-        """Go back to the initial condition, or to a new random one; time goes on."""
-        self.bodies = self._vehicles.make(self._initial_attitudes())
+        """Go back to the initial attitudes; time goes on."""
+        self._place(self._start)
+
+    def randomize(self):
+        """Go to new random attitudes; time goes on."""
+        self._place(self._vehicles.draw(self._rng))
+
+    def _place(self, attitudes):
+        self.bodies = self._vehicles.make(attitudes)
         if self._imperfect is not None:
             self._imperfect.restart(self.bodies.seen_by)
         self.stepper.state_changed()
@@ -186,6 +218,16 @@ class Plant(FormationNode):
         response.message = 'stopped' if self.stopped else 'released'
         return response
 
+    def held_agents(self):
+        """Return the agents, as bits, whose bodies are held still for a publisher conflict."""
+        return self._held
+
+    def _look_for_conflicts(self):
+        """Hold the bodies that more than one node commands, if that is wished for."""
+        if self._hold:
+            self._held = sum(1 << i for i, commands in enumerate(self._command_inputs)
+                             if commands.get_publisher_count() > 1)
+
     def assess(self):
         """Return level, message and figures for the diagnostics."""
         level, message, values = self.stepper.assess(self.health)
@@ -195,6 +237,9 @@ class Plant(FormationNode):
             level, message = max(level, diagnostics.WARN), f'{message}; {trouble}'
         if self.stopped:
             level, message = diagnostics.ERROR, f'emergency stop; {message}'
+        if self._held:
+            level = diagnostics.ERROR
+            message = f'held still, more than one publisher: {agents_of(self._held)}; {message}'
         return level, message, values
 
 

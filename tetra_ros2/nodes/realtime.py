@@ -5,21 +5,24 @@
 
 from collections.abc import Sequence
 import math
+import time
 
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.nodes.stepper import agents_of, period_of, Steppable, Stepper, STILL
 from tetra_ros2.ros import diagnostics
 
-FUTURE_TOLERANCE = 500_000_000
-"""How far ahead of the measurements the stamp of a command may be in real time [ns]."""
+CLOCK_TOLERANCE = 100_000_000
+"""By how much the node's clock may leave the steady one in a step before it has been set [ns]."""
 
 
 class RealTime(Stepper):
     """
     The plant steps on a timer and applies the newest commands, whatever has come.
 
-    A step lasts as long as it really was, on the node's clock, since the one before. A command
-    whose stamp is older than ``command_timeout`` counts as zero.
+    A step lasts as long as it really was since the one before. That is measured on the steady
+    clock, which nobody can set, or on ``/clock`` if the node uses it; stamps are of the node's
+    clock. A command whose stamp is older than ``command_timeout`` counts as zero. So does one
+    that answers no measurement yet made.
 
     :param plant: the node
     :param agents: indices, from 0, of the agents that have anything to answer
@@ -38,6 +41,9 @@ class RealTime(Stepper):
         self._silent = 0
         self._elapsed = 0  # formation time in which the bodies were not paused [ns]
         self._duration = self._timer = None
+        self._simulated = plant.get_parameter('use_sim_time').value
+        self._stepped_at = 0  # on the clock that steps are measured on [ns]
+        self.clock_jumps = 0
 
     def configure(self, values):
         """Take the parameters, at the start and whenever they change."""
@@ -51,7 +57,9 @@ class RealTime(Stepper):
             self._timer = None
         if self._timer is None:
             self._period = period
-            self._timer = self._plant.create_timer(period / 1e9, self._on_timer)
+            create = self._plant.create_timer if self._simulated \
+                else self._plant.create_steady_timer
+            self._timer = create(period / 1e9, self._on_timer)
 
     def start(self):
         """Begin; the timer does the rest."""
@@ -86,11 +94,11 @@ class RealTime(Stepper):
         :param i: index of the agent, from 0
         :param stamp: time of the measurements [ns]
         :param rate: angular velocity (x, y, z) in the body frame [rad/s]
-        :raises Rejected: if it is older than the one in use, or far from the future
+        :raises Rejected: if it is older than the one in use, or answers nothing yet measured
         """
         if stamp < self._stamps[i]:
             raise Rejected(Rejected.OLD_STAMP)
-        if stamp > self.stamp + FUTURE_TOLERANCE:
+        if stamp > self.stamp + 1:  # a stop is one nanosecond younger than what it follows
             raise Rejected(Rejected.FUTURE_STAMP)
         self._stamps[i] = stamp
         self._rates[i] = rate
@@ -98,35 +106,44 @@ class RealTime(Stepper):
     def _on_timer(self):
         self._plant.read_commands()
         now = self._plant.get_clock().now().nanoseconds
+        here = now if self._simulated else time.monotonic_ns()
         before, self.stamp = self.stamp, now
-        elapsed = now - before
-        if not before or elapsed <= 0:  # the first time, or the clock was set back
+        elapsed, self._stepped_at = here - self._stepped_at, here
+        if not before or elapsed <= 0:  # the first time, or /clock was set back
+            self._forget_commands()
+        elif abs(now - before - elapsed) > CLOCK_TOLERANCE:  # the stamps so far say nothing now
+            self.clock_jumps += 1
             self._forget_commands()
         elif not self.paused:
-            oldest = now - self._timeout
-            rates = []
-            self._silent = 0
-            for i, stamp in enumerate(self._stamps):
-                if stamp >= oldest:
-                    rates.append(self._rates[i])
-                    self.fresh_commands += stamp >= before
-                else:
-                    rates.append(STILL)
-                    self._silent |= 1 << i
-            self._plant.bodies.step(elapsed / 1e9, rates)
-            self.steps += 1
-            self.late_steps += elapsed > 1.5 * self._period
-            self._elapsed += elapsed
-            if self._duration is not None and self._elapsed >= self._duration:
-                self.paused, self._duration = True, None
+            self._step(elapsed, before, now)
         self._plant.publish(now)
+
+    def _step(self, elapsed, before, now):
+        oldest = now - self._timeout
+        held = self._plant.held_agents()
+        rates = []
+        self._silent = 0
+        for i, stamp in enumerate(self._stamps):
+            if stamp >= oldest and not held >> i & 1:
+                rates.append(self._rates[i])
+                self.fresh_commands += stamp >= before
+            else:
+                rates.append(STILL)
+                self._silent |= 1 << i
+        self._plant.bodies.step(elapsed / 1e9, rates)
+        self.steps += 1
+        self.late_steps += elapsed > 1.5 * self._period
+        self._elapsed += elapsed
+        if self._duration is not None and self._elapsed >= self._duration:
+            self.paused, self._duration = True, None
 
     def assess(self, health):
         """Return level, message and figures for the diagnostics."""
         rates = health.rates({'step rate [Hz]': self.steps})
         expected = self.steps * len(self._agents)
-        values = {'mode': 'realtime', 'steps': self.steps, **rates,
-                  'deadline misses': self.late_steps,
+        values = {'mode': 'realtime', 'state': 'paused' if self.paused else 'running',
+                  'steps': self.steps, **rates,
+                  'deadline misses': self.late_steps, 'clock jumps': self.clock_jumps,
                   'commands not answering the previous step': expected - self.fresh_commands}
         for i in self._agents:
             age = (self.stamp - self._stamps[i]) / 1e9 if self._stamps[i] else math.inf

@@ -40,8 +40,14 @@ class Steppable(Protocol):
     def publish(self, stamp: int) -> None:
         """Publish state and measurements as of the time ``stamp`` [ns]."""
 
+    def repeat(self, stamp: int, agents: int) -> None:
+        """Publish the measurements of these agents, bits of an integer, once more."""
+
     def read_commands(self) -> None:
         """Hand over the commands that have come, by calling :meth:`Stepper.command`."""
+
+    def held_agents(self) -> int:
+        """Return the agents, as bits, that are held still for a publisher conflict."""
 
     def create_steady_timer(self, period: float, callback: Callable[[], None]) -> Any:
         """Return a timer [s] that fires however formation time passes."""
@@ -51,6 +57,9 @@ class Steppable(Protocol):
 
     def destroy_timer(self, timer: Any) -> Any:
         """Remove a timer."""
+
+    def get_parameter(self, name: str) -> Any:
+        """Return a parameter of the node."""
 
     def get_clock(self) -> Any:
         """Return the node's clock."""

@@ -108,7 +108,7 @@ class Recorder(FormationNode):
             patterns.append(values['regex'])
         if not patterns:
             patterns = [f'{re.escape(namespace)}/(?:{p})' for p in names.FORMATION_TOPICS]
-            patterns.append(re.escape(names.CLOCK))
+            patterns += [re.escape(names.DIAGNOSTICS), re.escape(names.CLOCK)]
         return patterns
 
     def _open(self, storage):

@@ -15,6 +15,9 @@ OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
 
+MOST_REASONS = 50
+"""How many reasons are counted apart; an intruder could think of ever new ones."""
+
 PERIOD = 1.0
 """How often a node reports [s], on a clock that runs even when formation time does not."""
 
@@ -33,10 +36,13 @@ class Health:
 
     def __init__(self, node, assess):
         self.rejected = Counter()
+        self.exceptions = 0  # raised by callbacks, and survived
+        self._last_exception = ''
         self.message = ''  # of the last report
         self._node = node
         self._assess = assess
         self._logged = Counter()
+        self._exceptions_told = 0
         self._level = OK
         self._counts = {}
         self._counted_at = time.monotonic()
@@ -45,7 +51,17 @@ class Health:
 
     def reject(self, reason, source):
         """Count a message that was dropped: why, and on which topic or of whom."""
-        self.rejected[f'{reason} ({source})'] += 1
+        key = f'{reason} ({source})'
+        if len(self.rejected) >= MOST_REASONS and key not in self.rejected:
+            key = f'{str(reason).partition(":")[0]} (and others)'
+        self.rejected[key] += 1
+
+    def survive(self, error):
+        """Count what a callback has raised, log it, and go on."""
+        self.exceptions += 1
+        self._last_exception = f'{type(error).__name__}: {error}'
+        self._node.get_logger().error(
+            f'survived: {self._last_exception}', throttle_duration_sec=PERIOD)
 
     def rates(self, counts):
         """
@@ -63,12 +79,18 @@ class Health:
     def report(self):
         """Publish and log the state of the node."""
         level, message, values = self._assess()
-        if crowded := self._node.crowded_topics():
+        if conflicts := self._node.publisher_conflicts():
             # DDS takes some 20 s to notice that a process was killed.
             level = max(level, WARN)
-            message += (f'; more than one publisher on {", ".join(crowded)}: two nodes where one '
-                        'is right, or one that died within the last 20 s')
-            values = {**values, 'crowded topics': len(crowded)}
+            message += (f'; more than one publisher on {", ".join(conflicts)}: two nodes where '
+                        'one is right, or one that died within the last 20 s')
+            values = {**values, 'publisher conflicts': len(conflicts)}
+        if self.exceptions:
+            values = {**values, 'exceptions': self.exceptions}
+            if self.exceptions > self._exceptions_told:
+                self._exceptions_told = self.exceptions
+                level = max(level, WARN)
+                message += f'; survived {self._last_exception}'
         news = self.rejected - self._logged
         if news:
             self._logged = Counter(self.rejected)

@@ -51,7 +51,18 @@ def spin_some(executor, future, timeout=SPIN_PERIOD):
     :param timeout: [s], finite
     :raises ExternalShutdownException: if the context was shut down from elsewhere
     """
-    executor.spin_until_future_complete(future, timeout_sec=timeout)
+    try:
+        executor.spin_until_future_complete(future, timeout_sec=timeout)
+    except ExternalShutdownException:
+        raise
+    except Exception as error:
+        # Callbacks survive what they raise. What is left is raised before one is called: a
+        # request to a service that is none, for example. It costs that message, and no node.
+        if not executor.context.ok():
+            raise ExternalShutdownException from error
+        for node in executor.get_nodes():
+            if health := getattr(node, 'health', None):
+                health.survive(error)
     if not executor.context.ok():
         raise ExternalShutdownException
 

@@ -8,6 +8,8 @@ from functools import partial
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -49,16 +51,45 @@ class FormationNode(Node):
 
     # Profiles are copied: rclpy writes what is overridden into the very object it is given.
 
-    def listen(self, message_type, topic, callback, profile):
+    def listen(self, message_type, topic, callback, profile, guarded=True):
         """
         Subscribe to the bytes of a topic, with quality of service open to overrides.
 
+        :param guarded: whether what the callback raises is survived here; otherwise it does so
+            itself, which is quicker
         :returns: the subscription
         """
         self.inputs.append(self.create_subscription(
-            message_type, topic, callback, copy(profile), raw=True,
+            message_type, topic, self._guard(callback) if guarded else callback, copy(profile),
+            raw=True, event_callbacks=self._events(topic, 'publishers'),
             qos_overriding_options=QoSOverridingOptions.with_default_policies()))
         return self.inputs[-1]
+
+    def _guard(self, callback):
+        """Return a callback that survives whatever it raises, and has it counted."""
+        def guarded(*arguments):
+            try:
+                return callback(*arguments)
+            except ExternalShutdownException:
+                raise
+            except Exception as error:
+                if self.health is None:
+                    raise
+                self.health.survive(error)
+                return arguments[-1] if len(arguments) == 2 else None  # a service's response
+        return guarded
+
+    def _events(self, topic, who):
+        """Return what names quality of service that does not fit for what it is."""
+        def on_incompatible(event):
+            policy = event.last_policy_kind
+            policy = getattr(policy, 'name', policy)
+            self.get_logger().warning(
+                f'{self.resolve_topic_name(topic)}: {event.total_count} {who} have a quality of '
+                f'service that does not fit, the last in its {str(policy).lower()}')
+        if who == 'publishers':
+            return SubscriptionEventCallbacks(incompatible_qos=on_incompatible)
+        return PublisherEventCallbacks(incompatible_qos=on_incompatible)
 
     @property
     def subscriptions(self):
@@ -85,17 +116,26 @@ class FormationNode(Node):
         """
         publisher = self.create_publisher(
             message_type, topic, copy(profile),
+            event_callbacks=self._events(topic, 'subscribers'),
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
         self.outputs.append(publisher)
         if exclusive:
             self.exclusive_outputs.append(publisher.topic_name)
         return publisher
 
+    def create_timer(self, period, callback, *args, **kwargs):
+        """Return a timer [s] whose callback may fail and is called again all the same."""
+        return super().create_timer(period, self._guard(callback), *args, **kwargs)
+
+    def create_service(self, kind, name, callback, *args, **kwargs):
+        """Return a service that answers even if its callback fails."""
+        return super().create_service(kind, name, self._guard(callback), *args, **kwargs)
+
     def create_steady_timer(self, period, callback):
         """Return a timer [s] that fires however formation time passes."""
         return self.create_timer(period, callback, clock=self.steady_clock)
 
-    def crowded_topics(self):
+    def publisher_conflicts(self):
         """Return the topics with more than one publisher where one is right."""
         topics = {topic for topic in self.exclusive_outputs if self.count_publishers(topic) > 1}
         if self.exclusive_inputs:

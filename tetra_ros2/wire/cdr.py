@@ -17,6 +17,9 @@ _LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 _ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
 _NANOSECONDS = 1_000_000_000
 _ENCAPSULATION, = struct.unpack('<I', _LITTLE_ENDIAN)
+_LAST_SECOND = 2**31 - 1
+"""Of what an int32 can say; who answers to it must be able to say something later."""
+
 _HEAD = struct.Struct('<4siI')  # encapsulation, sec, nanosec
 
 
@@ -36,6 +39,13 @@ def time(message):
         seconds, nanoseconds = struct.unpack_from(f'{_ORDERS[bytes(message[:2])]}iI', message, 4)
     except (KeyError, struct.error):
         raise Rejected(Rejected.MALFORMED) from None
+    return _time_of(seconds, nanoseconds)
+
+
+def _time_of(seconds, nanoseconds):
+    """Return a time [ns], if a clock can give it and a little later can still be said."""
+    if not (0 <= seconds < _LAST_SECOND and nanoseconds < _NANOSECONDS):
+        raise Rejected(Rejected.IMPOSSIBLE_STAMP)
     return seconds * _NANOSECONDS + nanoseconds
 
 
@@ -43,7 +53,7 @@ class StampedNumbers:
     """
     A message type made of a header and float64 numbers, in one frame.
 
-    :param frame_id: the only frame that is written and accepted
+    :param frame_id: the frame that is written; it, or none at all, is accepted
     :param count: how many float64 follow the header
     :param length: value of the sequence length between the two, for types that have one
     """
@@ -98,7 +108,9 @@ class StampedNumbers:
             fields = self._unpack(message)
             if fields[3] == self._name and fields[0] == _ENCAPSULATION and (
                     self._length is None or fields[4] == self._length):
-                return fields[1] * _NANOSECONDS + fields[2], fields[self._first:]
+                seconds, nanoseconds = fields[1], fields[2]
+                if 0 <= seconds < _LAST_SECOND and nanoseconds < _NANOSECONDS:
+                    return seconds * _NANOSECONDS + nanoseconds, fields[self._first:]
         return self._decode_any(message)
 
     def _layout(self, order, frame_size):
@@ -118,15 +130,16 @@ class StampedNumbers:
                 if frame_size <= len(message) else None
             if frame is None or not frame.endswith(b'\0'):
                 raise Rejected(Rejected.MALFORMED)
-            if frame != self._frame:
-                raise Rejected(Rejected.WRONG_FRAME)
+            if frame != self._frame and frame != b'\0':
+                found = frame[:-1][:60].decode(errors='replace')
+                raise Rejected(f'{Rejected.WRONG_FRAME}: {found!r}, expected {self.frame_id!r}')
             seconds, nanoseconds, _, _, *numbers = self._layout(
                 order, frame_size).unpack_from(message)
         except (KeyError, struct.error):
             raise Rejected(Rejected.MALFORMED) from None
         if self._length is not None and numbers.pop(0) != self._length:
             raise Rejected(Rejected.MALFORMED)
-        return seconds * _NANOSECONDS + nanoseconds, numbers
+        return _time_of(seconds, nanoseconds), numbers
 
 
 def vector3_stamped(frame_id):

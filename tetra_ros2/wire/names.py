@@ -15,10 +15,11 @@ ATTITUDES = 'formation/attitudes'
 COSINES = 'formation/cosines'
 ERROR = 'formation/error'
 MARKERS = 'formation/markers'
-DIAGNOSTICS = 'diagnostics'
+DIAGNOSTICS = '/diagnostics'
 CLOCK = '/clock'
 
 RESET = 'plant/reset'
+RANDOMIZE = 'plant/randomize'
 PAUSE = 'plant/pause'
 
 WORLD = 'world'
@@ -71,7 +72,11 @@ _TYPES = {
     ATTITUDES: 'geometry_msgs/msg/PoseArray',
     COSINES: 'std_msgs/msg/Float64MultiArray',
     ERROR: 'std_msgs/msg/Float64',
+}
+
+_SHARED_TYPES = {
     DIAGNOSTICS: 'diagnostic_msgs/msg/DiagnosticArray',
+    CLOCK: 'rosgraph_msgs/msg/Clock',
 }
 
 FORMATION_TOPICS = tuple(_TYPES)
@@ -85,8 +90,8 @@ def message_type(topic, namespace='/'):
     :param topic: full name
     :param namespace: of the formation
     """
-    if topic == CLOCK:
-        return 'rosgraph_msgs/msg/Clock'
+    if topic in _SHARED_TYPES:
+        return _SHARED_TYPES[topic]
     prefix = namespace.rstrip('/') + '/'
     if not topic.startswith(prefix):
         return None
