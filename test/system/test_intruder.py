@@ -143,16 +143,29 @@ def test_what_a_callback_raises_is_counted_reported_and_survived(probe, monkeypa
 
 
 def test_bytes_that_rclpy_itself_cannot_read_end_no_node(probe):
-    """It raises in the executor, before any callback is called."""
     with Bench(probe, Plant, mode='realtime', seed=1, use_sim_time=True) as bench:
         publisher = probe.node.create_publisher(Clock, '/clock', 10)
         bench.wait_for(lambda: publisher.get_subscription_count() > 0, 'the plant on /clock')
-        publisher.publish(b'\0\1\0\0')
-        bench.wait_for(lambda: bench.node.health.exceptions > 0, 'the refusal')
+        for message in (b'', b'\0\1\0\0', b'\xff' * 3):
+            publisher.publish(message)
         for k in range(1, 4):
             publisher.publish(Clock(clock=Time(sec=k)))
             bench.wait_for(lambda k=k: bench.node.get_clock().now().nanoseconds == k * 10**9,
                            'the time')
+
+
+def test_what_the_executor_raises_costs_no_node(probe, monkeypatch):
+    with Bench(probe, Plant, mode='realtime', seed=1) as bench:
+        spin = bench.executor.spin_until_future_complete
+
+        def fail(*_args, **_kwargs):
+            monkeypatch.setattr(bench.executor, 'spin_until_future_complete', spin)
+            raise RuntimeError('failed to take a request')
+
+        monkeypatch.setattr(bench.executor, 'spin_until_future_complete', fail)
+        bench.wait_for(lambda: bench.node.health.exceptions == 1, 'the count')
+        steps = bench.node.stepper.steps
+        bench.wait_for(lambda: bench.node.stepper.steps > steps, 'the next step')
 
 
 stamps = st.one_of(st.integers(0, LAST), st.sampled_from([0, 1, LAST, 2**31 * 10**9 - 1]))
