@@ -7,7 +7,7 @@ VENV := .venv
 CLEAN := env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH
 TETRA := $(CLEAN) $(VENV)/bin/tetra
 
-.PHONY: help demo test browser verify bench chaos soak lint clean
+.PHONY: help demo test browser verify bench chaos soak lint clean pictures
 
 help:  ## say what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
@@ -25,6 +25,9 @@ test: $(VENV)/.test browser  ## run all tests
 
 verify: $(VENV)/.test  ## check every claim of the paper
 	@$(TETRA) verify
+
+pictures: $(VENV)/.test browser  ## make the pictures of docs/ anew
+	@$(CLEAN) $(VENV)/bin/python docs/pictures.py $(PICTURES)
 
 bench: $(VENV)/.bench  ## measure it against what there is to compare with
 	@$(CLEAN) $(VENV)/bin/python -m benchmarks $(BENCH_ARGS)

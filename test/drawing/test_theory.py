@@ -9,8 +9,18 @@ import bags
 import numpy as np
 import pytest
 
-from tetra_ros2.drawing.theory import spin_rate, table, Theory
-from tetra_ros2.formation import decay, measures, rotation, sampling, shapes, sphere, topology
+from tetra_ros2.drawing.theory import recognize, spin_rate, table, Theory
+from tetra_ros2.formation import (
+    decay,
+    measures,
+    polyhedra,
+    rotation,
+    sampling,
+    shapes,
+    sphere,
+    targets,
+    topology,
+)
 from tetra_ros2.formation import gain as gains
 
 GRAPHS = {'complete': topology.complete(4), 'rotating': topology.rotating()}
@@ -142,3 +152,21 @@ def test_no_agent_is_faster_than_the_law_lets_it():
         theory = Theory(4, graph, gains.Exponential(2.0))
         _, rates = bags.states(300, graph, gains.Exponential(2.0))
         assert np.max(np.linalg.norm(rates, axis=-1)) < theory.fastest
+
+
+@pytest.mark.parametrize('name', polyhedra.SOLIDS)
+def test_a_recording_of_a_solid_is_recognized_whoever_is_where(name):
+    points = polyhedra.SOLIDS[name]
+    rng = np.random.default_rng(2)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    gain = gains.Exponential()
+    seen = topology.Topology('custom', targets.polyhedron(name, spin=0.5).weights)
+    found = recognize(seen, gain, sphere.normalize(
+        points @ turn + 0.01 * rng.standard_normal(points.shape)))
+    shape = shapes.known_shape(found)
+    assert name in shape.name
+    np.testing.assert_allclose(np.sort(shape.points @ shape.points.T), np.sort(points @ points.T),
+                               atol=1e-9)
+    assert Theory(len(points), found, gain).rates[1] > 0.0
+    other = sphere.normalize(rng.standard_normal(points.shape))
+    assert (shapes.known_shape(recognize(seen, gain, other)) is None) == (len(points) > 4)

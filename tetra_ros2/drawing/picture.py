@@ -27,6 +27,9 @@ REACH = 1.24
 TRAIL = 400
 """Points of a trail; more cannot be told apart."""
 
+MANY_EDGES = 64
+"""From so many on, arrows would hide what they connect, and are not drawn."""
+
 FRAMES_PER_SECOND = 16
 WHITE = 95
 """Index of white in the palette of a moving picture, and how many other colours it has."""
@@ -113,7 +116,7 @@ def draw(axes, times, gamma, edges=(), *, trail=None, clock=False, view=None):
     _solid(axes, see, now)
     _edges(axes, see, now, edges)
     for i in np.argsort(see(now)[:, 2]):
-        _agent(axes, see, now[i], int(i) + 1)
+        _agent(axes, see, now[i], int(i) + 1, 1.0 if n <= 6 else 0.65)
     if clock:
         axes.text(-0.96 * REACH, -0.96 * REACH, f't = {times[-1] - times[0]:5.2f} s',
                   color=colors.MUTED, fontsize=11, family='monospace')
@@ -161,19 +164,21 @@ def _trail(axes, seen, color, whole=False):
 def _solid(axes, see, now):
     gray = colors.unit_rgb(colors.FACE)
     seen = see(now)
-    for face in geometry.faces(now):
-        a, b, c = seen[face]
-        normal = np.cross(b - a, c - a)
+    for face in geometry.polygons(now):
+        corners = seen[list(face)]
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
         facing = normal[2]
         light = float(normal @ LIGHT) / np.linalg.norm(normal)
         axes.add_patch(Polygon(
-            seen[face, :2], closed=True, facecolor=(*gray, 0.2 - 0.14 * light),
+            corners[:, :2], closed=True, facecolor=(*gray, 0.2 - 0.14 * light),
             edgecolor=(*gray, 0.75 if facing > 0.0 else 0.3), linewidth=1.0, joinstyle='round',
             zorder=2.0 if facing > 0.0 else 1.5))
 
 
 def _edges(axes, see, now, edges):
     """Draw who sees whom: an arrow from the one that looks, bowed so that two do not overlap."""
+    if len(edges) >= MANY_EDGES:
+        return
     seen = see(now)
     largest = max((abs(weight) for _, _, weight in edges), default=1.0)
     for i, j, weight in edges:
@@ -184,23 +189,24 @@ def _edges(axes, see, now, edges):
             color=(*colors.unit_rgb(colors.agent(i)), 0.6)))
 
 
-def _agent(axes, see, direction, i):
+def _agent(axes, see, direction, i, size):
     tip = see(direction)
     front = tip[2] > 0.0
     color = colors.agent(i)
     axes.plot([0.0, tip[0]], [0.0, tip[1]], color=color, linewidth=2.4 if front else 1.8,
               alpha=1.0 if front else 0.55, zorder=3.0, solid_capstyle='round')
-    axes.plot(*tip[:2], marker=style.marker(i), color=color, markersize=10.5 if front else 8.0,
-              markeredgecolor='white', markeredgewidth=1.2, alpha=1.0 if front else 0.75,
-              zorder=5.0 + tip[2])
+    axes.plot(*tip[:2], marker=style.marker(i), color=color,
+              markersize=size * (10.5 if front else 8.0), markeredgecolor='white',
+              markeredgewidth=1.2, alpha=1.0 if front else 0.75, zorder=5.0 + tip[2])
     # Outwards of the tip, and never on top of it when the axis points at the eye.
     distance = float(np.hypot(*tip[:2]))
     outward = tip[:2] / distance if distance > 0.2 else np.array([0.7, 0.7])
-    axes.annotate(rf'$\Gamma_{{{i}}}$', tip[:2] + 0.15 * outward, color=color, fontsize=15,
-                  ha='center', va='center', zorder=7.0, alpha=1.0 if front else 0.8)
+    axes.annotate(rf'$\Gamma_{{{i}}}$', tip[:2] + 0.15 * size ** 0.5 * outward, color=color,
+                  fontsize=15 * size, ha='center', va='center', zorder=7.0,
+                  alpha=1.0 if front else 0.8)
 
 
-def write_movie(times, gamma, edges, path, progress=None, size=360):
+def write_movie(times, gamma, edges, path, progress=None, size=360, most=MOVIE_FRAMES):
     """
     Write a moving picture of the formation, as GIF.
 
@@ -210,13 +216,14 @@ def write_movie(times, gamma, edges, path, progress=None, size=360):
     :param path: to write to
     :param progress: called with how much is done, from 0 to 1
     :param size: width and height [px]
+    :param most: as many frames as it may have
     :returns: the path
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from PIL import Image
     frames = []
-    count = min(MOVIE_FRAMES, len(times))
+    count = min(most, len(times))
     moments = np.linspace(times[0], times[-1], count)
     figure = Figure(figsize=(size / 100.0, size / 100.0), dpi=100)
     canvas = FigureCanvasAgg(figure)
@@ -231,13 +238,23 @@ def write_movie(times, gamma, edges, path, progress=None, size=360):
         canvas.draw()
         frame = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert('RGB')
         if palette is None:
-            palette = frame.quantize(WHITE, dither=Image.Dither.NONE)
+            palette = _palette(frame)
         frames.append(_indexed(frame, palette))
         if progress is not None:
             progress((k + 1) / count)
     frames[0].save(path, save_all=True, append_images=frames[1:], loop=0, optimize=True,
                    duration=1000 // FRAMES_PER_SECOND)
     return path
+
+
+def _palette(frame):
+    """Return the colours that a frame needs, and those of all agents, in an image of a pixel."""
+    from PIL import Image
+    own = [colors.rgb(color) for color in colors.AGENTS]
+    common = frame.quantize(WHITE - len(own), dither=Image.Dither.NONE).getpalette()
+    palette = Image.new('P', (1, 1))
+    palette.putpalette([*common[:3 * (WHITE - len(own))], *sum(own, ())])
+    return palette
 
 
 def _indexed(frame, palette):

@@ -3,7 +3,7 @@
 
 """The numbers of theory beside those that were measured, and how to write them down."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 from typing import Any
@@ -11,12 +11,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tetra_ros2.formation import decay, measures, sampling, shapes, stability
+from tetra_ros2.formation import (
+    decay,
+    law,
+    measures,
+    polyhedra,
+    sampling,
+    shapes,
+    stability,
+)
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.formation.topology import Topology
 
 NEAR = 0.02
 """Error [rad] below which a formation is at its equilibrium, to look where that is exactly."""
+
+CLOSE = 0.05
+"""How far a cosine may be from that of a solid which the formation is taken for."""
+
+STILL = 1e-4
+"""How much a solid may change by itself, in parts of the gain; weights are read off commands."""
 
 MOST_SAMPLED = 12
 """Agents up to which the equilibrium of the sampled loop is found while somebody watches."""
@@ -145,6 +159,38 @@ class Theory:
             return None
         rate = decay.decay_rate(gamma, times, limit)
         return None if math.isnan(rate) else rate
+
+
+def recognize(topology: Topology, gain: Any, gamma: NDArray[np.float64]) -> Topology:
+    """
+    Return a topology with the shape that came out, if that is a Platonic solid and stays one.
+
+    A recording does not tell for which shape its weights were made.
+
+    :param topology: who sees whom
+    :param gain: the gain function
+    :param gamma: reduced attitudes at the end, ``(n, 3)``
+    """
+    if shapes.known_shape(topology) is not None:
+        return topology
+    for name, points in polyhedra.SOLIDS.items():
+        if len(points) != topology.n:
+            continue
+        seen, classes = gamma @ gamma.T, np.unique(np.round(points @ points.T, 9))
+        gram = classes[np.argmin(np.abs(seen[..., None] - classes), axis=-1)]
+        if np.max(np.abs(gram - seen)) > CLOSE:
+            return topology
+        values, vectors = np.linalg.eigh(gram)
+        corners = vectors[:, -3:] * np.sqrt(np.maximum(values[-3:], 0.0))
+        if not np.allclose(corners @ corners.T, gram, atol=1e-9):
+            return topology
+        velocity = law.velocity(corners, topology.weights, gain)
+        spin = measures.angular_velocity(corners, velocity)
+        if np.max(np.abs(velocity - np.cross(spin, corners))) > STILL * gain.f(0.0):
+            return topology
+        return replace(topology, shape=shapes.Shape(
+            name if name == 'cube' else f'regular {name}', corners))
+    return topology
 
 
 def spin_rate(times: NDArray[np.float64], gamma: NDArray[np.float64]) -> float | None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tetra_ros2.drawing import colors, style
 from tetra_ros2.drawing import picture as drawing
-from tetra_ros2.drawing.theory import Theory
+from tetra_ros2.drawing.theory import recognize, Theory
 from tetra_ros2.formation import measures
 
 POINTS = 1500
@@ -38,7 +38,7 @@ class Run:
 
         law = recording.law
         self.theory = Theory(self.n) if law is None else Theory(
-            self.n, law.rounded, law.gain, recording.period)
+            self.n, recognize(law.rounded, law.gain, self.gamma[-1]), law.gain, recording.period)
         self.shape = self.theory.shape
         self.edges = tuple((i, j, 1.0) for i, j in recording.edges) if law is None \
             else law.rounded.edges

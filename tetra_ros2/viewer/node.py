@@ -234,7 +234,11 @@ class Viewer(FormationNode):
         gain = formations[0].gain
         if any(f.gain != gain or type(f.gain) is not type(gain) for f in formations):
             gain = None
-        self.page.know(Theory(n, Topology('custom', weights), gain, self._sample_time()))
+        # What the agents are told of the shape they make is told with all of their weights.
+        topology = formations[0].topology
+        if not np.array_equal(topology.weights, weights):
+            topology = Topology('custom', weights)
+        self.page.know(Theory(n, topology, gain, self._sample_time()))
         self._controls.show_gain(gain)
         return weights
 

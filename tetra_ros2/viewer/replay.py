@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from tetra_ros2 import signals
-from tetra_ros2.drawing.theory import Theory
+from tetra_ros2.drawing.theory import recognize, Theory
 from tetra_ros2.recording import reader as recording
 from tetra_ros2.viewer import export
 from tetra_ros2.viewer.history import History, WINDOW
@@ -105,7 +105,8 @@ def _theory(loaded):
     law = loaded.law
     if law is None:
         return Theory(loaded.n)
-    return Theory(loaded.n, law.rounded, law.gain, loaded.period)
+    topology = recognize(law.rounded, law.gain, loaded.gamma[-1])
+    return Theory(loaded.n, topology, law.gain, loaded.period)
 
 
 def _edges(loaded):
