@@ -112,6 +112,41 @@ def test_any_number_of_agents_has_markers(n):
             assert len(marker.points) % 3 == 0
 
 
+def test_a_thousand_agents_are_two_markers():
+    gamma = np.random.default_rng(1).standard_normal((1000, 3))
+    gamma /= np.linalg.norm(gamma, axis=1, keepdims=True)
+    sphere, tips = markers_module.make_markers(5, gamma, [gamma]).markers
+    assert (sphere.ns, tips.ns, tips.type) == ('sphere', 'tips', Marker.POINTS)
+    np.testing.assert_allclose([xyz(p) for p in tips.points], gamma)
+
+
+def test_a_reset_does_not_leave_a_trail_across_the_sphere(monkeypatch):
+    states = [(k * 33_000_000, shapes.TETRAHEDRON.points) for k in range(5)]
+    states.append((5 * 33_000_000, -shapes.TETRAHEDRON.points))
+    made = []
+
+    class Publisher:
+        publish = made.append
+
+        @staticmethod
+        def get_subscription_count():
+            return 1
+
+    class Node:
+        def create_publisher(self, *_, **__):
+            return Publisher
+
+        def create_steady_timer(self, *_):
+            pass
+
+    markers = markers_module.Markers(Node(), lambda: states.pop(0))
+    while states:
+        markers.refresh()
+    spaces = [{m.ns for m in array.markers} for array in made]
+    assert 'trails' in spaces[-2]
+    assert 'trails' not in spaces[-1], 'there is one position only'
+
+
 def topics_of(formation):
     return {p.topic_name.lstrip('/') for node in formation.nodes for p in node.outputs} \
         | {'formation/markers'}

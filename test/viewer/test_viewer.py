@@ -30,6 +30,7 @@ from rcl_interfaces.srv import GetParameters
 
 from tetra_ros2.drawing import colors
 from tetra_ros2.formation import topology
+from tetra_ros2.viewer.scene import MOST_AGENTS
 
 SLOWLY = ('--ros-args', '-p', 'real_time_factor:=1.0')
 SIZES = {'usual': (1200, 800), 'small': (800, 600), 'phone': (390, 844)}
@@ -318,6 +319,95 @@ def test_a_recording_plays_and_its_slider_goes_anywhere(visit, processes, port, 
     until(page, lambda: shown_time(page) == pytest.approx(19.99, abs=0.01), 'the end')
     page.get_by_role('button', name='Play').wait_for()
     assert interrupt(viewer)[0] == 0
+
+
+def test_a_recording_becomes_a_page_that_plays_without_a_server(chromium, tmp_path):
+    bags.write(tmp_path / 'bag', 600, topology.rotating())
+    code, output, errors = run('viewer', '--bag', tmp_path / 'bag', '--html', tmp_path / 'x.html')
+    assert (code, errors) == (0, '')
+    assert 'MB; open it in a browser' in output
+    assert (tmp_path / 'x.html').stat().st_size < 1.3e6
+    context = chromium.new_context(viewport={'width': 420, 'height': 360}, offline=True)
+    try:
+        page = open_page(context, f'file://{tmp_path}/x.html')
+        page.locator('canvas').first.wait_for()
+        clock = page.locator('input').first
+        until(page, lambda: float(clock.input_value()) > 0.5, 'time that passes')
+        assert page.title() == 'tetra_ros2'
+        assert 'bag: 4 agents' in page.inner_text('body')
+        clock.fill('5.5')
+        clock.press('Enter')
+        until(page, lambda: all(np.sum(has_hue(pixels(page, 'page'), colors.rgb(
+            colors.agent(i)))) > 30 for i in range(1, 5)), 'four agents')
+        assert not page.elsewhere
+    finally:
+        context.close()
+
+
+@pytest.mark.parametrize(('arguments', 'key'), [
+    (['--html', 'x.html'], '--html'), (['--bag', 'bag', '--html', '.'], '.'),
+    (['--bag', 'bag', '--html', 'none/x.html'], 'none/x.html')], ids=str)
+def test_a_page_that_cannot_be_written_is_refused_in_one_line(
+        tmp_path, monkeypatch, arguments, key):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('PYTHONPATH', str(Path(__file__).parents[2]))
+    bags.write(tmp_path / 'bag', 30)
+    code, output, errors = run('viewer', *arguments)
+    assert (code, output) == (2, '')
+    assert errors.startswith(f'tetra: error: {key}: ')
+    assert errors.count('\n') == 1
+
+
+def test_a_run_that_has_ended_is_said_to_have(visit, processes, port):
+    process = processes.tetra('launcher', '--duration', '1', '--view', '--port', port, '--quiet')
+    wait_for_server(port)
+    page = visit(port)
+    page.get_by_text('the run has ended').wait_for()
+    page.close()
+    code, output = interrupt(process)
+    assert 'Traceback' not in output
+    assert code in (0, 1)
+
+
+def test_a_thousand_agents_take_little_memory_and_no_faces(visit, processes, port):
+    script = (
+        'import sys, numpy as np, rclpy\n'
+        'from geometry_msgs.msg import Pose, PoseArray\n'
+        'rclpy.init()\n'
+        'node = rclpy.create_node("plant")\n'
+        'publisher = node.create_publisher(PoseArray, "formation/attitudes", 1)\n'
+        'rng, k = np.random.default_rng(1), 0\n'
+        'while True:\n'
+        '    k += 1\n'
+        '    points = rng.standard_normal((1000, 3))\n'
+        '    points /= np.linalg.norm(points, axis=1, keepdims=True)\n'
+        '    message = PoseArray()\n'
+        '    message.header.frame_id = "world"\n'
+        '    message.header.stamp.sec = k\n'
+        '    for x, y, z in points.tolist():\n'
+        '        pose = Pose()\n'
+        '        pose.position.x, pose.position.y, pose.position.z = x, y, z\n'
+        '        message.poses.append(pose)\n'
+        '    publisher.publish(message)\n'
+        '    rclpy.spin_once(node, timeout_sec=0.05)\n')
+    viewer = processes.tetra('viewer', '--port', port)
+    wait_for_server(port)
+    page = visit(port)
+    before = memory(viewer.pid)
+    processes.python('-c', script)
+    page.get_by_text('1000 agents').wait_for()
+    first = until(page, lambda: shown_time(page), 'a time')
+    until(page, lambda: shown_time(page) > first + 10.0, 'ten states')
+    assert f'More than {MOST_AGENTS} agents' in page.inner_text('body')
+    assert not charts(page)
+    grown = memory(viewer.pid) - before
+    print(f'a thousand agents: {grown / 1e6:.0f} MB more')
+    assert grown < 150e6
+
+
+def memory(pid):
+    """Return the resident memory of a process [bytes]."""
+    return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * 4096
 
 
 def test_it_listens_on_this_machine_only_unless_told_otherwise(processes, port):

@@ -18,6 +18,9 @@ FEW = 24
 MOST_POINTS = 60
 """Of more points the faces would tell a person nothing, and are not looked for."""
 
+FASTEST = 20.0
+"""How fast an agent may turn where nothing is known [rad/s]; faster, it was put elsewhere."""
+
 Polygon = tuple[int, ...]
 
 
@@ -129,6 +132,22 @@ def _fits(guess: Sequence[Polygon], gamma: NDArray[np.float64]) -> bool:
     for k, face in enumerate(guess):
         on[k, list(face)] = True
     return bool(np.all(np.where(on, np.abs(heights) <= FLAT, heights < -FLAT)))
+
+
+def is_elsewhere(before: NDArray[np.float64], after: NDArray[np.float64], elapsed: float,
+                 fastest: float | None = None) -> bool:
+    """
+    Return whether a formation was put where it is, as it cannot have turned there.
+
+    :param before: reduced attitudes, ``(n, 3)``
+    :param after: the same some time later
+    :param elapsed: that time [s]
+    :param fastest: how fast an agent can turn [rad/s], if that is known
+    """
+    # As no agent turns faster than the law lets it, this is never too strict.
+    reach = 0.1 + 1.2 * (fastest or FASTEST) * elapsed
+    nearest = float(np.min(np.sum(before * after, axis=-1)))
+    return reach < np.pi and nearest < np.cos(reach)
 
 
 def graticule(step=30.0, points=73):

@@ -56,8 +56,9 @@ class Markers:
         if (state := self._look()) is None:
             return
         stamp, gamma = state
-        if self._stamp is not None and stamp < self._stamp:
-            self._trails.clear()  # the plant was started again
+        if self._trails and (stamp < self._stamp or geometry.is_elsewhere(
+                self._trails[-1], gamma, (stamp - self._stamp) / 1e9)):
+            self._trails.clear()  # the plant was started again, or reset
         if not self._trails or stamp != self._stamp:
             self._trails.append(gamma)
         self._stamp = stamp
@@ -88,6 +89,10 @@ def make_markers(stamp, gamma, trails):
     marker('sphere', 0, Marker.SPHERE, colors.SPHERE, 0.25, (2.0, 2.0, 2.0))
     faces = marker('faces', 0, Marker.TRIANGLE_LIST, colors.FACE, 0.35, (1.0, 1.0, 1.0))
     faces.points = _points(gamma[geometry.faces(gamma).ravel()])
+    if len(gamma) > geometry.MOST_POINTS:  # three markers each would be too much for anybody
+        tips = marker('tips', 0, Marker.POINTS, colors.AGENTS[0], 1.0, (0.02, 0.02, 0.0))
+        tips.points = _points(gamma)
+        return MarkerArray(markers=[markers[0], tips])
     ways = np.stack(trails, axis=1)
     for i, direction in enumerate(gamma, start=1):
         color = colors.agent(i)

@@ -4,10 +4,11 @@
 """The recent past of a formation, as far as somebody who looks wants to know of it."""
 
 from collections import deque
-import math
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tetra_ros2.drawing import geometry
 
 WINDOW = 30.0
 """How far back it goes [s]."""
@@ -17,9 +18,6 @@ SAMPLES = 600
 
 PERIOD = WINDOW / SAMPLES
 """How far they are apart at least [s]."""
-
-FASTEST = 50.0
-"""How fast an agent may move where nothing is known [rad/s]; faster, it was put elsewhere."""
 
 
 class History:
@@ -63,10 +61,8 @@ class History:
             return True
         if stamp < self.stamp or gamma.shape != self.gamma.shape:
             return True
-        # As two agents never turn faster than the law lets one alone, this is never too strict.
-        reach = 0.1 + 1.2 * (self.fastest or FASTEST) * (stamp - self.stamp) / 1e9
-        nearest = float(np.min(np.sum(gamma * self.gamma, axis=-1)))
-        return reach < math.pi and nearest < math.cos(reach)
+        return geometry.is_elsewhere(
+            self.gamma, gamma, (stamp - self.stamp) / 1e9, self.fastest)
 
     def wants(self, stamp: int) -> bool:
         """Return whether a state of this time would be kept, beyond being the newest."""
