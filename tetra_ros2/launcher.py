@@ -28,6 +28,7 @@ from tetra_ros2.config.bodies import check_bodies
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, PARAMETERS
 from tetra_ros2.formation import Formation
 from tetra_ros2.formation._types import Array
+from tetra_ros2.formation.simulation import period_of
 from tetra_ros2.formation.summary import summarize, Summary
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor
@@ -285,7 +286,7 @@ class Launcher:
                 return False
         # Count on from where the last run was to end, which may be less than a step ago.
         stamp = self.monitor.observer.stamp
-        period = round(1e9 / self.plant.rate) if self.plant is not None else 0
+        period = period_of(self.plant.rate) if self.plant is not None else 0
         begin = self._target if 0 <= stamp - self._target < period else stamp
         self._target = begin + round(seconds * 1e9)
         self._run_to(self._target, interrupt, stall_timeout)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import flow, measures, rotation, shapes
 from tetra_ros2.formation._types import Array
-from tetra_ros2.formation.simulation import SampledLoop
+from tetra_ros2.formation.simulation import sample_time, SampledLoop
 
 if TYPE_CHECKING:
     from tetra_ros2.formation._formation import Formation
@@ -126,10 +126,9 @@ def simulate(formation: Formation, initial: ArrayLike | None, seed: int | None,
             raise ValueError(f'{name} must be finite and greater than 0, not {value!r}')
     axes = formation.pointing_axes
     attitudes = initial_attitudes(initial, seed, axes)
-    # The plant counts nanoseconds: a period of 1/3 s is 333333333 of them.
-    h = round(1e9 / rate) / 1e9
-    if h == 0.0:
+    if rate > 1e9:
         raise ValueError(f'rate must be 1e9 Hz at most, not {rate!r}')
+    h = sample_time(rate)
     times = h * np.arange(round(duration / h) + 1, dtype=float)
     if continuous:
         kept = flow.attitudes(attitudes, axes, formation.topology.weights, formation.gain, times)

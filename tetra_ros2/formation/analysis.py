@@ -22,6 +22,7 @@ from tetra_ros2.formation import (
     stability,
 )
 from tetra_ros2.formation._trajectory import initial_attitudes
+from tetra_ros2.formation.simulation import sample_time
 
 if TYPE_CHECKING:
     from tetra_ros2.formation._formation import Formation
@@ -133,7 +134,7 @@ def analyze(formation: Formation, *, rate: float, delay: float, noise: float, st
     if error >= start:
         raise ValueError(f'error must be less than start, {start!r}, not {error!r}')
     topology, gain, weights = formation.topology, formation.gain, formation.topology.weights
-    h = round(1e9 / rate) / 1e9  # the plant counts nanoseconds
+    h = sample_time(rate)
     delay_steps = sensing.delay_in_steps(delay, h)
     if 3 * topology.n * (delay_steps + 1) > MAX_HISTORY:
         raise NotAnalyzable(

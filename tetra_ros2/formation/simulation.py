@@ -24,6 +24,16 @@ from tetra_ros2.formation.sensing import Sensors
 from tetra_ros2.formation.topology import Topology
 
 
+def period_of(rate: float) -> int:
+    """Return the period of a rate [Hz] in whole nanoseconds: stamps and steps then agree."""
+    return max(round(1e9 / rate), 1)
+
+
+def sample_time(rate: float) -> float:
+    """Return the length of a step [s] of plant and simulation at a rate [Hz]."""
+    return period_of(rate) / 1e9
+
+
 class SampledLoop:
     """
     One formation in plain floats.

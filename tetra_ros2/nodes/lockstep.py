@@ -9,7 +9,8 @@ import time
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from tetra_ros2.formation.checks import Rejected
-from tetra_ros2.nodes.stepper import agents_of, period_of, Steppable, Stepper, STILL
+from tetra_ros2.formation.simulation import period_of
+from tetra_ros2.nodes.stepper import agents_of, Steppable, Stepper, STILL
 from tetra_ros2.ros import diagnostics, qos
 from tetra_ros2.ros.node import raw_publish
 from tetra_ros2.wire import cdr, names

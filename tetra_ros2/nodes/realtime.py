@@ -8,7 +8,8 @@ import math
 import time
 
 from tetra_ros2.formation.checks import Rejected
-from tetra_ros2.nodes.stepper import agents_of, period_of, Steppable, Stepper, STILL
+from tetra_ros2.formation.simulation import period_of
+from tetra_ros2.nodes.stepper import agents_of, Steppable, Stepper, STILL
 from tetra_ros2.ros import diagnostics
 
 CLOCK_TOLERANCE = 100_000_000

@@ -131,11 +131,6 @@ class Stepper(ABC):
         """Return level, message and figures for the diagnostics."""
 
 
-def period_of(rate: float) -> int:
-    """Return the period of a rate [Hz] in whole nanoseconds: stamps and steps then agree."""
-    return max(round(1e9 / rate), 1)
-
-
 def agents_of(bits: int) -> str:
     """Return the names of the agents whose bits are set."""
     return ', '.join(names.agent(i + 1) for i in range(bits.bit_length()) if bits >> i & 1)

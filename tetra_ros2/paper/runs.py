@@ -13,6 +13,7 @@ from tetra_ros2.formation import measures, sampling
 from tetra_ros2.formation.decay import decay_rate
 from tetra_ros2.formation.gain import Gain
 from tetra_ros2.formation.observer import Observer
+from tetra_ros2.formation.simulation import sample_time
 from tetra_ros2.formation.topology import Topology
 
 
@@ -81,7 +82,7 @@ def run_nodes(topology: Topology, gain: Gain, duration: float, *, rate: float = 
         formation.monitor.observer = keeper
         formation.run_for(duration)
     stamps = np.array(keeper.stamps)
-    h = round(1e9 / rate) / 1e9
+    h = sample_time(rate)
     if np.any(np.abs(np.diff(stamps) / 1e9 - h) > 1e-12):
         raise RuntimeError('a sample of the run was lost')
     samples = np.array(keeper.samples).reshape(len(stamps), topology.n, 7)

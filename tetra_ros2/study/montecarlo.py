@@ -25,6 +25,7 @@ import yaml
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError
 from tetra_ros2.formation import batch, Formation, measures, rotation, shapes
+from tetra_ros2.formation.simulation import sample_time
 from tetra_ros2.study.confidence import lower_bound
 
 CHUNK = 5000
@@ -109,7 +110,7 @@ def run_chunk(plan: Plan, which: int, chunk: int) -> tuple[np.ndarray, np.ndarra
     formation = case.formation()
     topology, gain = formation.topology, formation.gain
     gamma = rotation.rotate(plan.attitudes(chunk, topology.n), formation.pointing_axes)
-    h = round(1e9 / case.parameters['rate']) / 1e9  # the plant counts nanoseconds
+    h = sample_time(case.parameters['rate'])
     shape, admissible = shapes.known_shape(topology), shapes.admissible_angles(topology)
     assert shape is not None  # a study of no known shape is refused before
     angles = measures.pairwise_angles(shape.points)
