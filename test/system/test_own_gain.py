@@ -6,15 +6,18 @@
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 from harness import DEADLINE
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter
 
-from tetra_ros2.config.parameters import ConfigurationError
-from tetra_ros2.formation import Formation, gain, rotating
+from tetra_ros2.config.parameters import ConfigurationError, FORMATION
+from tetra_ros2.formation import Formation, gain, law, rotating
 from tetra_ros2.formation.identify import identify
 from tetra_ros2.launcher import Launcher
+from tetra_ros2.viewer.node import Viewer
 
 GAINS = '''
 import numpy as np
@@ -141,18 +144,24 @@ def test_what_cannot_be_used_is_refused_in_one_line(workplace, kind, what):
 def test_a_running_node_imports_nothing_because_a_parameter_says_so(workplace):
     with Launcher('complete') as formation:
         agent = formation.agents[1]
-        from rclpy.parameter import Parameter
         result, = agent.set_parameters([Parameter('gain.kind', value='laboratory_gains:Quartic')])
         assert not result.successful
         assert 'only when it starts' in result.reason
         assert 'laboratory_gains' not in sys.modules
 
 
+def test_a_viewer_imports_nothing_because_a_node_says_so(workplace):
+    settings = {'gain.kind': 'laboratory_gains:Quartic', 'gain.a': 1.0, 'gain.b': 1.0}
+    viewer = SimpleNamespace(_settings={'agent_1': dict.fromkeys(
+        (spec.name for spec in FORMATION), 0) | settings})
+    assert Viewer._formation(viewer, 'agent_1') is None
+    assert 'laboratory_gains' not in sys.modules
+
+
 def test_a_law_that_no_known_family_explains_is_not_identified(workplace):
     own = gain.family('laboratory_gains:Quartic')(1.0, 2.0)
     formation = Formation(rotating(), own)
     trajectory = formation.simulate(seed=1, duration=10.0)
-    from tetra_ros2.formation import law
     rates = law.world_angular_velocity(
         trajectory.reduced_attitudes, formation.topology.weights, own)
     edges = [(i, j) for i, j, _ in formation.topology.edges]

@@ -28,6 +28,7 @@ from std_srvs.srv import SetBool, Trigger
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, FORMATION
 from tetra_ros2.drawing.theory import Theory
+from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation.checks import Rejected, require_unit
 from tetra_ros2.formation.topology import Topology
 from tetra_ros2.ros import diagnostics, executor, qos
@@ -253,6 +254,9 @@ class Viewer(FormationNode):
         settings = self._settings.get(node)
         if not settings or not set(_FORMATION_PARAMETERS) <= set(settings):
             return None
+        kind = str(settings['gain.kind'])
+        if gains.OWN.fullmatch(kind) and not gains.is_known(kind):
+            return None  # what some node says must not choose what is imported here
         try:
             return formation_from_parameters(check_parameters('agent', settings))
         except ConfigurationError:
