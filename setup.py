@@ -29,6 +29,7 @@ extras['test'] = [
     'colcon-ros',
     'colcon-test-result',
     'hypothesis',
+    'lxml',
     'ipykernel',
     'mcap',
     'mcap-ros2-support',

@@ -23,6 +23,7 @@ COMMANDS = {
     'launcher': 'all of them in one process, and a summary',
     'viewer': 'show the formation, or a recording, in a browser',
     'plot': 'write the figures of a recording',
+    'policy': 'write the SROS2 policy that follows from a graph',
     'verify': 'check every claim of the paper',
     'analyze': 'rates, limits and errors that theory predicts for a configuration',
     'design': "find weights for a formation of one's own, at rest or turning",

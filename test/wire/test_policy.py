@@ -1,0 +1,75 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The policy of a formation is well formed, and allows exactly what its nodes do."""
+
+from pathlib import Path
+
+import pytest
+
+from tetra_ros2.cli import main
+from tetra_ros2.formation import topology as topologies
+from tetra_ros2.wire.policy import document, rights
+
+etree = pytest.importorskip('lxml.etree')
+GRAMMAR = etree.RelaxNG(etree.parse(str(Path(__file__).with_name('policy.rng'))))
+
+
+@pytest.mark.parametrize('namespace', ['', '/orbit', '/a/b'])
+@pytest.mark.parametrize('topology', [
+    topologies.complete(), topologies.rotating(), topologies.custom(3, [(1, 2), (2, 1)])],
+    ids=['complete', 'rotating', 'custom'])
+def test_the_policy_is_one(topology, namespace):
+    text = document(rights(topology, namespace), namespace)
+    GRAMMAR.assertValid(etree.fromstring(text.encode()))
+
+
+def test_what_is_no_policy_is_found():
+    text = document(rights(topologies.complete()))
+    for bad in (text.replace('0.2.0', '0.1.0'), text.replace('ALLOW', 'YES', 1),
+                text.replace('<topics publish="ALLOW">', '<topics>', 1)):
+        assert not GRAMMAR.validate(etree.fromstring(bad.encode()))
+
+
+def test_an_agent_may_hear_its_neighbours_and_command_its_own_body_only():
+    nodes = rights(topologies.rotating(1, 1))
+    assert nodes['agent_2'].subscribe == {
+        '/agent_2/relative_attitude/agent_1', '/agent_2/relative_attitude/agent_3'}
+    assert {t for t in nodes['agent_2'].publish if 'agent' in t} == {'/agent_2/cmd_vel'}
+    assert not nodes['agent_2'].request
+    speakers = [name for name, right in nodes.items() if '/agent_1/cmd_vel' in right.publish]
+    assert speakers == ['agent_1']
+
+
+def test_the_command_writes_it(tmp_path, capsys):
+    file = tmp_path / 'policy.xml'
+    assert main(['policy', '--config', 'rotating', '--namespace', 'orbit', '--output',
+                 str(file)]) == 0
+    policy = etree.parse(str(file))
+    assert len(policy.findall('.//enclave')) == 8
+    assert policy.find('.//profile').get('ns') == '/orbit'
+    assert main(['policy', '--output', str(tmp_path / 'nowhere' / 'policy.xml')]) == 2
+    assert 'cannot be written' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('namespace', ['', 'orbit'])
+def test_the_nodes_do_what_the_policy_allows_and_nothing_else(tmp_path, namespace):
+    launcher = pytest.importorskip('tetra_ros2.launcher')
+    pytest.importorskip('viser')
+    with launcher.Launcher('rotating', namespace=namespace, record=tmp_path / 'bag',
+                           view=('127.0.0.1', 0)) as formation:
+        formation.run_for(0.1)
+        allowed = rights(formation.formation.topology, f'/{namespace}' if namespace else '')
+        assert {node.get_name() for node in formation.nodes} == set(allowed)
+        for node in formation.nodes:
+            opened = {kind: {name for name, _ in getattr(
+                node, f'get_{kind}_names_and_types_by_node')(
+                    node.get_name(), node.get_namespace())}
+                for kind in ('publisher', 'subscriber', 'service', 'client')}
+            right = allowed[node.get_name()]
+            assert opened['publisher'] == right.publish
+            assert opened['service'] == right.reply
+            assert opened['client'] <= right.request, 'it asks when a person does'
+            if node.get_name() == 'viewer':  # the monitor, in the same process, hands it the state
+                right.subscribe.discard(node.resolve_topic_name('formation/attitudes'))
+            assert opened['subscriber'] == right.subscribe

@@ -1,0 +1,46 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``tetra policy``: the SROS2 policy of a formation."""
+
+import argparse
+from pathlib import Path
+import sys
+
+from tetra_ros2.commands import _arguments
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``tetra policy``."""
+    _arguments.add_config(parser, default='complete')
+    parser.add_argument(
+        '--output', metavar='FILE', help='file to write (default: to the standard output)')
+    _arguments.add_namespace(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """
+    Write the policy.
+
+    :returns: 0
+    :raises ConfigurationError: if the configuration is not valid or the file cannot be written
+    """
+    # These load numpy and PyYAML, for which `--help` need not wait.
+    from tetra_ros2.config import configuration
+    from tetra_ros2.config.parameters import ConfigurationError
+    from tetra_ros2.wire.policy import document, rights
+    namespace = configuration.check_namespace(arguments.namespace)
+    if namespace and not namespace.startswith('/'):
+        namespace = f'/{namespace}'
+    file = configuration.load(arguments.config)
+    lockstep = file.values('plant')['mode'] == 'lockstep'
+    text = document(rights(file.formation().topology, namespace, lockstep=lockstep), namespace)
+    if arguments.output is None:
+        sys.stdout.write(text)
+        return 0
+    try:
+        Path(arguments.output).write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise ConfigurationError(
+            f'cannot be written: {error.strerror}', source=arguments.output) from None
+    return 0
