@@ -246,7 +246,10 @@ class Launcher:
     @property
     def time(self) -> float:
         """Return the formation time since the start, as of the last sample [s]."""
-        return self.monitor.observer.elapsed if self.monitor.observer.count else 0.0
+        observer = self.monitor.observer
+        if observer.stamp is None or observer.first_stamp is None:
+            return 0.0
+        return (observer.stamp - observer.first_stamp) / 1e9
 
     @property
     def error(self) -> float:

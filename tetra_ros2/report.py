@@ -120,7 +120,7 @@ class _Progress:
         if observer.count:
             unit = 'rad' if observer.shape else 'rad/s'
             state = f'error {observer.error:.2e} {unit}'
-            self._bar.update(self._task, completed=observer.elapsed, state=state, refresh=True)
+            self._bar.update(self._task, completed=self._launcher.time, state=state, refresh=True)
 
     def __exit__(self, *_):
         if self._shown:

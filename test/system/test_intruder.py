@@ -19,6 +19,7 @@ from tetra_ros2.launcher import Launcher
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.nodes.plant import Plant
+from tetra_ros2.ros.executor import spin_some
 from tetra_ros2.wire import cdr
 
 LAST = (2**31 - 1) * 10**9 + 999_999_999
@@ -154,16 +155,19 @@ def test_bytes_that_rclpy_itself_cannot_read_end_no_node(probe):
                            'the time')
 
 
-def test_what_the_executor_raises_costs_no_node(probe, monkeypatch):
+def test_what_the_executor_raises_costs_no_node(probe):
     with Bench(probe, Plant, mode='realtime', seed=1) as bench:
-        spin = bench.executor.spin_until_future_complete
 
-        def fail(*_args, **_kwargs):
-            monkeypatch.setattr(bench.executor, 'spin_until_future_complete', spin)
-            raise RuntimeError('failed to take a request')
+        class Failing:
+            """An executor that cannot take a request."""
 
-        monkeypatch.setattr(bench.executor, 'spin_until_future_complete', fail)
-        bench.wait_for(lambda: bench.node.health.exceptions == 1, 'the count')
+            context, get_nodes = bench.context, bench.executor.get_nodes
+
+            def spin_until_future_complete(self, *_args, **_kwargs):
+                raise RuntimeError('failed to take a request')
+
+        spin_some(Failing(), None)
+        assert bench.node.health.exceptions == 1
         steps = bench.node.stepper.steps
         bench.wait_for(lambda: bench.node.stepper.steps > steps, 'the next step')
 

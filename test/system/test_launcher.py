@@ -351,3 +351,21 @@ def test_measurements_have_the_stamp_of_the_state_and_commands_that_of_the_measu
     assert sum(nanoseconds(m.header.stamp) in states for m in commands) > 10
     assert all((m.twist.linear.x, m.twist.linear.y, m.twist.linear.z) == (0.0, 0.0, 0.0)
                for m in commands)
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
+@pytest.mark.parametrize('service', ['plant/reset', 'plant/randomize'])
+def test_after_a_new_start_everything_is_said_anew(probe, mode, service):
+    with Launcher('complete', mode=mode, seed=4, parameters={
+            'plant:real_time_factor': 1.0, 'gain.a': 4.0}) as formation:
+        assert formation.run_until(lambda: formation.error < 1e-3, timeout=20.0)
+        before = formation.time
+        assert call(formation, probe, Trigger, service, Trigger.Request()).success
+        formation.run_for(0.05)
+        summary = formation.summary()
+        assert summary.duration < before
+        assert not summary.formed
+        assert summary.measured is None or summary.measured.rate < 30.0, 'the leap is no spin'
+        assert formation.time > before, 'formation time itself goes on'
+        assert formation.run_until(lambda: formation.error < 1e-3, timeout=20.0)
+        assert formation.monitor.observer.restarts == 1

@@ -14,6 +14,12 @@ from tetra_ros2.formation.checks import Rejected, require_unit
 from tetra_ros2.formation.shapes import admissible_angles, known_shape
 from tetra_ros2.formation.topology import Topology
 
+LEAP = 2.0
+"""How many times as fast as the law can command a body may seem to be before it has leapt."""
+
+JITTER = 0.02
+"""And by how much more [rad]: samples are a little late, and bodies have a life of their own."""
+
 
 class Observer:
     """
@@ -23,6 +29,9 @@ class Observer:
     shape is known it is how fast the fastest of them changes [rad/s]: the formation has formed
     when its shape has come to rest, that is when this is below the tolerance as a fraction of
     what the law could command.
+
+    A formation whose bodies have leapt farther between two samples than any law could take them
+    was placed anew. Then all that is said of it begins anew.
 
     :param topology: a :class:`~tetra_ros2.formation.topology.Topology`
     :param tolerance: the error below which it has formed [rad, or a fraction of ``fastest``]
@@ -35,8 +44,10 @@ class Observer:
         self.fastest = fastest
         self.pairs = measures.pairs(topology.n)
         self.count = 0  # samples seen
+        self.restarts = 0  # how often the bodies were placed anew
+        self.first_stamp: int | None = None  # of the very first sample [ns]
         self.stamp: int | None = None  # of the last one [ns]
-        self.started_at: int | None = None  # stamp of the first one [ns]
+        self.started_at: int | None = None  # stamp of the first one since the last restart [ns]
         # since when the error has stayed below the tolerance [ns]
         self.formed_at: int | None = None
         self.poses: Sequence[float] | None = None
@@ -49,6 +60,7 @@ class Observer:
         # How far from the shape, agents exchanged where the graph allows it.
         self._distance = None if self.shape is None else admissible_angles(topology).error
         self._angles: list[float] | None = None
+        self._reduced: list[Sequence[float]] = []
 
     def observe(self, stamp: int, poses: Sequence[float]) -> bool:
         """
@@ -66,6 +78,9 @@ class Observer:
         reduced = [poses[start:start + 3] for start in self._starts]
         for x, y, z in reduced:
             require_unit(x, y, z)
+        if self.stamp is not None and self._have_leapt(reduced, stamp - self.stamp):
+            self.restart()
+        self._reduced = reduced
         cosines, angles = [], []
         for i, j in self._pairs:
             (ax, ay, az), (bx, by, bz) = reduced[i], reduced[j]
@@ -88,9 +103,31 @@ class Observer:
         self.count += 1
         if self.started_at is None:
             self.started_at = stamp
-        self.previous_stamp, self.previous_poses = self.stamp, self.poses
+        if self.first_stamp is None:
+            self.first_stamp = stamp
+        if self.poses is not None:
+            self.previous_stamp, self.previous_poses = self.stamp, self.poses
         self.stamp, self.poses = stamp, poses
         return True
+
+    def _have_leapt(self, reduced: list[Sequence[float]], elapsed: int) -> bool:
+        """Return whether a body has moved as none could in this time [ns]."""
+        angle = LEAP * self.fastest * elapsed / 1e9 + JITTER
+        if angle >= math.pi:
+            return False
+        chord = 2.0 - 2.0 * math.cos(angle)  # its square
+        for (ax, ay, az), (bx, by, bz) in zip(reduced, self._reduced):
+            x, y, z = ax - bx, ay - by, az - bz
+            if x * x + y * y + z * z > chord:
+                return True
+        return False
+
+    def restart(self) -> None:
+        """Begin anew: the next sample is the first of another run."""
+        self.restarts += 1
+        self.started_at = self.formed_at = None
+        self.poses = self.previous_poses = self.previous_stamp = self._angles = None
+        self.error = math.inf
 
     @property
     def elapsed(self) -> float:

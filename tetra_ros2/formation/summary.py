@@ -84,7 +84,7 @@ def summarize(observer: Observer, topology: Topology, gain: Gain) -> Summary:
     formed = observer.formed_at is not None
     axis = topology.axis_agent
     measured = predicted = drift = None
-    if observer.count > 1:
+    if observer.previous_stamp is not None:
         measured = _spin(observer.angular_velocity, gamma, topology)
         if axis is not None:
             before = np.array(observer.previous_poses).reshape(-1, 7)[axis - 1, :3]

@@ -22,6 +22,9 @@ from tetra_ros2.ros.markers import Markers
 from tetra_ros2.ros.node import FormationNode, raw_publish
 from tetra_ros2.wire import cdr, names
 
+HOLD = 500_000_000
+"""For how long the error has to stay below the tolerance before it is told [ns]."""
+
 PATIENCE = 3
 """After how many old stamps in a row the plant is taken to have been started anew."""
 
@@ -40,7 +43,7 @@ class Monitor(FormationNode):
         self.formation = formation = formation_from_parameters(values)
         self.observer = self._make_observer(values['tolerance'])
         self._old = 0  # how many old stamps in a row
-        self._awaited = None
+        self._awaited = self._formed_at = None
         self._watchers = []
         self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decode
         self._send_cosines = raw_publish(
@@ -106,9 +109,21 @@ class Monitor(FormationNode):
         self._send_cosines(self._encode_cosines(*observer.cosines))
         if observer.shape is not None:
             self._send_error(self._encode_error(observer.error))
+        if observer.formed_at != self._formed_at:
+            self._tell_formed()
         if self._awaited is not None and stamp >= self._awaited[0] \
                 and not self._awaited[1].done():
             self._awaited[1].set_result(stamp)
+
+    def _tell_formed(self):
+        """Say on the console that it has formed, once it has stayed so for a while."""
+        observer = self.observer
+        if observer.formed_at is None or observer.shape is None:
+            self._formed_at = observer.formed_at
+        elif observer.stamp - observer.formed_at >= HOLD:
+            self._formed_at = observer.formed_at
+            self.get_logger().info(f'formed: {observer.shape.name}, after '
+                                   f'{observer.time_to_form:.2f} s')
 
     def watch(self, tell):
         """Call a function, a quick one, with the bytes of every good state, repeated or not."""

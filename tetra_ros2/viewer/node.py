@@ -66,8 +66,7 @@ INQUIRY_PERIOD = 1.0
 PATIENCE = 2.0
 """After how long without a state [s] the plant is taken to have gone."""
 
-_PLANT_PARAMETERS = ('mode', 'rate', 'real_time_factor', 'measurement_delay',
-                     'initial_attitudes')
+_PLANT_PARAMETERS = ('mode', 'rate', 'real_time_factor', 'measurement_delay')
 _FORMATION_PARAMETERS = tuple(spec.name for spec in FORMATION)
 
 
@@ -307,12 +306,9 @@ class Viewer(FormationNode):
         self.page.notify('reset', response.message, 'green')
 
     def start_at_random(self):
-        """Let the plant start anew at random; it does so by itself unless it was told where."""
-        if not self._settings.get(names.PLANT, {}).get('initial_attitudes'):
-            self.reset()
-            return
-        self._set(names.PLANT, Parameter('initial_attitudes', Parameter.Type.DOUBLE_ARRAY, []),
-                  self.reset)
+        """Let the plant start anew at random."""
+        self._call(Trigger, names.RANDOMIZE, Trigger.Request(),
+                   lambda response: self.page.notify('start', response.message, 'green'))
 
     def set_gain(self, a):
         """Give all agents this amplitude of the gain [rad/s], and all others who have one."""
