@@ -11,6 +11,7 @@ import pytest
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
+from visualization_msgs.msg import Marker, MarkerArray
 
 from tetra_ros2.config.configuration import load
 from tetra_ros2.formation import rotation
@@ -72,6 +73,29 @@ def test_joints_and_what_is_at_a_limit_are_told(probe):
         trouble, figures = run.plant._vehicles.assess()
         assert 'agent_2: torque' in trouble
         assert figures['saturated steps of agent_2'] > 10
+
+
+@pytest.mark.parametrize('body', ['wheels', 'gimbal'])
+def test_bodies_are_shown_as_they_look_where_they_point_and_looking_changes_nothing(body, probe):
+    probe.listen(MarkerArray, 'formation/bodies')
+    received = probe.received['formation/bodies']
+    ends = []
+    for watched in (True, False):
+        with Launcher('complete', seed=1, body=body, parameters={
+                'plant:real_time_factor': 1.0 if watched else 0.0}) as run:
+            run.run_for(0.1)
+            if watched:
+                probe.wait_for(lambda run=run: spin(run) or received, 'markers')
+            run.run_for(0.4)
+            ends.append(run.plant.bodies.attitudes[:])
+    assert ends[0] == ends[1]
+    markers = received[-1].markers
+    assert {m.ns for m in markers} == {'body_1', 'body_2', 'body_3', 'body_4'}
+    assert {m.type for m in markers} == {Marker.CUBE, Marker.CYLINDER}
+    box = next(m for m in markers if m.ns == 'body_2' and (m.id == 0) == (body == 'wheels')
+               and m.type == Marker.CUBE)
+    place = np.array([box.pose.position.x, box.pose.position.y, box.pose.position.z])
+    assert np.linalg.norm(place) == pytest.approx(1.3, abs=0.2)
 
 
 def test_the_emergency_stop_holds_all_bodies_until_it_is_released(probe):

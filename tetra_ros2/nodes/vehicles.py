@@ -18,6 +18,7 @@ from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.nodes.measurements import NOBODY
 from tetra_ros2.nodes.poses import Poses
 from tetra_ros2.ros import qos
+from tetra_ros2.ros.body_markers import BodyMarkers
 from tetra_ros2.ros.node import FormationNode, raw_publish
 from tetra_ros2.wire import names
 from tetra_ros2.wire.joints import joint_state
@@ -57,6 +58,10 @@ class Vehicles:
                     plant.offer(JointState, names.joint_states(i), qos.NEWEST)))
                 self._encoders.append(joint_state(names.body_frame(i), self._vehicle.joints))
         self._bodies: Any = None  # those that are simulated
+        self._stamp = 0
+        if self._vehicle is not None:
+            self._markers = BodyMarkers(plant, lambda: (
+                self._stamp, self._bodies.reduced, self._bodies.parts()))
         self._saturated_before: list[int] = [0] * n
 
     def draw(self, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -99,6 +104,7 @@ class Vehicles:
 
     def tell(self, stamp: int) -> None:
         """Publish the joints as of a time [ns]."""
+        self._stamp = stamp
         for i, (send, encode) in enumerate(zip(self._senders, self._encoders)):
             joints = self._bodies.joints(i)
             send(encode(stamp, *joints.positions, *joints.velocities, *joints.efforts))

@@ -28,6 +28,31 @@ NEAR_LIMIT = 1e-3
 
 
 @dataclass(frozen=True)
+class Part:
+    """
+    A part of a body, as it looks.
+
+    :param body: whose it is, counted from 0
+    :param kind: ``box``, ``cylinder`` or ``sphere``
+    :param size: its lengths along its own axes [m]
+    :param position: of its middle, from the origin of the vehicle, in the world [m]
+    :param attitude: a unit quaternion x y z w, part to world
+    """
+
+    body: int
+    kind: str
+    size: tuple[float, float, float]
+    position: tuple[float, float, float]
+    attitude: tuple[float, float, float, float]
+
+
+_KINDS = {mujoco.mjtGeom.mjGEOM_BOX: 'box', mujoco.mjtGeom.mjGEOM_CYLINDER: 'cylinder',
+          mujoco.mjtGeom.mjGEOM_CAPSULE: 'cylinder', mujoco.mjtGeom.mjGEOM_SPHERE: 'sphere',
+          mujoco.mjtGeom.mjGEOM_ELLIPSOID: 'sphere'}
+"""What a geometry of MuJoCo's is shown as; meshes and planes are not shown."""
+
+
+@dataclass(frozen=True)
 class Joints:
     """
     The joints of a body at one time.
@@ -63,8 +88,11 @@ class PhysicalBodies(RigidBodies):
         self._vehicle = vehicle
         self._axes = np.array(axes, dtype=float)
         n = len(self._axes)
-        self._model = models.assemble(vehicle, n)
+        self._mounting = np.broadcast_to(
+            models.LEVEL if vehicle.floats else np.array(physics.gimbal.mounting), (n, 4))
+        self._model = models.assemble(vehicle, self._mounting)
         self._data = mujoco.MjData(self._model)
+        self._origins = models.origins(n)
         self._random = np.random.default_rng([physics.seed, 0x6779726f])
         self._bias = physics.loop.bias * self._random.standard_normal((n, 3))
         self.saturated: list[tuple[str, ...]] = [()] * n
@@ -121,6 +149,28 @@ class PhysicalBodies(RigidBodies):
     def joints(self, i: int) -> Joints:
         """Return the joints of body i, counted from 0."""
         raise NotImplementedError
+
+    def parts(self) -> list[Part]:
+        """Return what the bodies look like, as of now."""
+        model = self._model
+        shown = mujoco.MjData(model)  # of its own, so that looking changes nothing
+        shown.qpos[:] = self._data.qpos
+        mujoco.mj_kinematics(model, shown)
+        quaternion = np.zeros(4)
+        made = []
+        for g in range(model.ngeom):
+            kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[g]))
+            if kind is None:
+                continue
+            i = int(model.geom(g).name.partition('/')[0].removeprefix('agent_')) - 1
+            x, y, z = model.geom_size[g].tolist()
+            size = {'box': (2.0 * x, 2.0 * y, 2.0 * z), 'cylinder': (2.0 * x, 2.0 * x, 2.0 * y),
+                    'sphere': (2.0 * x, 2.0 * (y or x), 2.0 * (z or x))}[kind]
+            mujoco.mju_mat2Quat(quaternion, shown.geom_xmat[g])
+            w, qx, qy, qz = quaternion.tolist()
+            px, py, pz = (shown.geom_xpos[g] - self._origins[i]).tolist()
+            made.append(Part(i, kind, size, (px, py, pz), (qx, qy, qz, w)))
+        return made
 
 
 class FloatingBodies(PhysicalBodies):
@@ -219,8 +269,6 @@ class Gimbals(PhysicalBodies):
         settings, vehicle = self.physics.gimbal, self._vehicle
         given = np.array([settings.pan_limits, settings.tilt_limits])
         self._limits = np.where(np.isfinite(vehicle.limits), vehicle.limits, given)
-        mounting = np.array(settings.mounting, dtype=float)
-        self._mounting = np.broadcast_to(mounting, (n, 4))
         self._crooked = rotation.between(np.array([1.0, 0.0, 0.0]), self._axes)
         self._positions = self._data.qpos.reshape(n, 2)
         for i, direction in enumerate(self._directions(attitudes)):

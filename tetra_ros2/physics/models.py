@@ -24,6 +24,9 @@ BODY = 'body'
 PAN = 'pan'
 TILT = 'tilt'
 
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+"""The attitude of a base that is not turned."""
+
 _OPTIONS = """
   <option gravity="0 0 0"><flag contact="disable"/></option>
   <compiler autolimits="true" angle="radian"/>
@@ -249,8 +252,19 @@ def _moments(model: 'mujoco.MjModel', data: 'mujoco.MjData') -> Array:
     return np.stack(columns, axis=1)
 
 
-def assemble(vehicle: Vehicle, n: int) -> 'mujoco.MjModel':
-    """Return one model of n vehicles ``agent_1/`` to ``agent_n/``, side by side."""
+def origins(n: int) -> Array:
+    """Return where :func:`assemble` puts the vehicles [m], ``(n, 3)``."""
+    return np.arange(1, n + 1)[:, None] * np.array([3.0, 0.0, 0.0])
+
+
+def assemble(vehicle: Vehicle, mounting: Array) -> 'mujoco.MjModel':
+    """
+    Return one model of n vehicles ``agent_1/`` to ``agent_n/``, side by side.
+
+    :param vehicle: one of them
+    :param mounting: attitudes of their bases, unit quaternions x y z w, ``(n, 4)``
+    """
+    n = len(mounting)
     whole, one = mujoco.MjSpec(), vehicle.spec.copy()
     # Of the fourth order, free bodies keep their momentum to rounding. A gimbal touches its
     # limits, for which the implicit method is the better one.
@@ -262,7 +276,10 @@ def assemble(vehicle: Vehicle, n: int) -> 'mujoco.MjModel':
     for name in dir(one.option):  # what the file says of its world holds for this one
         if not name.startswith('_'):
             setattr(whole.option, name, getattr(one.option, name))
-    for i in range(1, n + 1):
-        frame = whole.worldbody.add_frame(pos=[3.0 * i, 0.0, 0.0])
+    for k, geom in enumerate(one.geoms):
+        geom.name = geom.name or f'part_{k}'  # so that each is known as that of its vehicle
+    for i, origin in enumerate(origins(n), start=1):
+        x, y, z, w = mounting[i - 1]
+        frame = whole.worldbody.add_frame(pos=origin, quat=[w, x, y, z])
         whole.attach(one.copy(), prefix=f'agent_{i}/', frame=frame)
     return whole.compile()

@@ -80,8 +80,8 @@ def make_markers(stamp, gamma, trails):
         made.header.stamp.sec, made.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
         made.pose.orientation.w = 1.0
         made.scale.x, made.scale.y, made.scale.z = scale
-        made.color = _color(color, opacity)
-        made.lifetime = Duration(sec=int(LIFETIME), nanosec=round(LIFETIME % 1 * 1e9))
+        made.color = color_message(color, opacity)
+        set_lifetime(made)
         markers.append(made)
         return made
 
@@ -122,6 +122,12 @@ def _points(vectors):
     return [Point(x=x, y=y, z=z) for x, y, z in np.asarray(vectors, dtype=float).tolist()]
 
 
-def _color(color, opacity):
+def set_lifetime(marker):
+    """Let a marker vanish when no other takes its place."""
+    marker.lifetime = Duration(sec=int(LIFETIME), nanosec=round(LIFETIME % 1 * 1e9))
+
+
+def color_message(color, opacity):
+    """Return a color as the messages have it."""
     red, green, blue = colors.unit_rgb(color)
     return ColorRGBA(r=red, g=green, b=blue, a=opacity)

@@ -15,6 +15,7 @@ ATTITUDES = 'formation/attitudes'
 COSINES = 'formation/cosines'
 ERROR = 'formation/error'
 MARKERS = 'formation/markers'
+BODIES = 'formation/bodies'
 DIAGNOSTICS = '/diagnostics'
 CLOCK = '/clock'
 
