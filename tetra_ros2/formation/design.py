@@ -42,6 +42,10 @@ LEAST_DECAY = 1e-3
 """Slowest over fastest rate below which weights do not count as a choice."""
 
 
+TRIED_VERTICES = 12
+"""How many vertices are tried where the symmetric part decides nothing."""
+
+
 class DesignError(ValueError):
     """There are no such weights; the text says why."""
 
@@ -243,6 +247,21 @@ class _Program:
         """Return how each weight adds to the decay along a direction, ``(edges,)``."""
         return np.asarray(np.einsum('a,eab,b->e', x, self.symmetric, x, optimize=True))
 
+    def vertices(self, allowed: np.ndarray) -> list[Array]:
+        """Return some weights that hold the points at rest, the weights of each agent of sum 1."""
+        n, count = len(self.points), len(self.edges)
+        sums = np.zeros((n, count))
+        sums[self.edges[:, 0], np.arange(count)] = 1.0
+        rng = np.random.default_rng(0)
+        found = [_solve(rng.uniform(size=count), A_eq=np.vstack([self.equations, sums]),
+                        b_eq=np.repeat([0.0, 1.0], [len(self.equations), n]),
+                        bounds=[(0.0, 1.0 if ok else 0.0) for ok in allowed])
+                 for _ in range(TRIED_VERTICES)]
+        if found[0] is None:
+            raise DesignError('no weights satisfy the equations of all agents at once')
+        # Their mean has most of the weights that can be greater than zero.
+        return [np.mean(found, axis=0), *(w for w in found if w is not None)]
+
     def spectrum(self, w: Array, share: float) -> tuple[Array, Array, Array]:
         """Return eigenvalues, left and right eigenvectors, of the true linearisation."""
         matrix = np.einsum('e,eab->ab', w, self.parts) + share * self.turning
@@ -344,17 +363,19 @@ def _best(program: _Program, allowed: np.ndarray) -> tuple[Array, float]:
             w, share, _ = slower
         if share < 1e-6:
             raise DesignError('nothing turns: the weights would have to be without bound')
-    elif not np.any(w):
-        raise DesignError('no weights but zero satisfy the equations')
     else:
         share = 1.0
+        if decay < LEAST_DECAY:
+            # The symmetric part is no help. Some vertices of the program are where to begin.
+            w = max(program.vertices(allowed), key=lambda w: program.ratio(w, 1.0))
     improved = program.improve(w, share, allowed)
     if program.ratio(improved, share) > 1.05 * program.ratio(w, share):
         w = improved
     if program.ratio(w, share) < LEAST_DECAY:
         raise DesignError(
-            'no stable choice of weights was found: whatever was tried, '
-            f'{"a deviation grows" if program.ratio(w, share) < -1e-9 else "one does not decay"}')
+            'no stable choice of weights was found, by the symmetric part or from '
+            f'{TRIED_VERTICES} vertices of the program: at the best '
+            + ('a deviation grows' if program.ratio(w, share) < -1e-9 else 'one does not decay'))
     return w, share
 
 

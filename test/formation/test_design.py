@@ -1,0 +1,143 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from tetra_ros2.formation import law, polyhedra, sphere, stability, targets, topology
+from tetra_ros2.formation.gain import Cosine, Exponential
+
+pytest.importorskip('scipy')
+from tetra_ros2.formation import design
+
+SPIN = np.array([0.1, 0.05, 0.2])
+
+
+def layers(n, height, turned):
+    azimuth = 2.0 * math.pi * np.arange(n) / n
+    lower = azimuth + (math.pi / n if turned else 0.0)
+    return sphere.normalize(np.concatenate([
+        np.stack([np.cos(azimuth), np.sin(azimuth), np.full(n, height)], axis=-1),
+        np.stack([np.cos(lower), np.sin(lower), np.full(n, -height)], axis=-1)]))
+
+
+POINTS = {
+    'triangular prism': layers(3, 0.6, False),
+    'square antiprism': layers(4, 0.6, True),
+    'four of my own': sphere.normalize(np.array(
+        [[1.0, 1.0, 1.2], [-1.0, 1.0, -0.8], [1.0, -1.0, -1.0], [-1.0, -1.3, 1.0]])),
+    'bipyramid': np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0],
+                           [-0.5, math.sqrt(0.75), 0.0], [-0.5, -math.sqrt(0.75), 0.0]]),
+}
+
+
+@pytest.mark.parametrize('name', POINTS)
+@pytest.mark.parametrize('spin', [None, SPIN], ids=['at rest', 'spinning'])
+def test_a_design_keeps_its_points_turning_as_asked_and_attracts(name, spin):
+    points, gain = POINTS[name], Exponential()
+    made = design.design(points, gain, spin=spin)
+    assert np.min(made.weights) >= 0.0
+    asked = np.zeros(3) if spin is None else spin
+    np.testing.assert_allclose(
+        law.velocity(points, made.weights, gain), np.cross(asked, points), atol=1e-9)
+    assert made.slowest > 0.2 * made.fastest
+    outcome = design.try_starts(made, 30)
+    assert outcome.formed == 30, outcome
+
+
+def test_the_papers_rotating_tetrahedron_is_found():
+    points = polyhedra.SOLIDS['tetrahedron']
+    spin = points[0] / math.sqrt(3.0)
+    made = design.design(points, Cosine(), spin=spin)
+    np.testing.assert_allclose(made.equilibrium.spin, spin, atol=1e-9)
+    assert made.slowest > 0.5 * made.fastest
+    # Those of the paper satisfy the equations too.
+    a, b = design.constraints(points, Cosine(), spin)
+    np.testing.assert_allclose(
+        np.einsum('ipj,ij->ip', a, topology.rotating(1, 1).weights), b, atol=1e-12)
+
+
+def test_few_neighbours_are_enough_where_few_are_asked_for():
+    points = polyhedra.SOLIDS['octahedron']
+    most = design.design(points, Exponential())
+    made = design.design(points, Exponential(), max_degree=3)
+    assert made.degree <= 3 < most.degree
+    assert made.slowest > 0.0
+
+
+def test_agents_that_are_too_far_are_not_looked_at():
+    points = POINTS['square antiprism']
+    made = design.design(points, Exponential(), visible=2.5)
+    angles = sphere.geodesic_distance(points[:, None], points[None])
+    assert np.all(made.weights[angles > 2.5] == 0.0)
+    assert np.any(made.weights[angles > 2.0] > 0.0)
+
+
+def has_solution(a, b, spins):
+    """
+    Return whether ``a w = b``, ``w >= 0`` has a solution that is not zero, by its vertices.
+
+    If there is one, there is one with two weights (or three, of sum one, where b = 0) that are not
+    zero: those are all tried.
+    """
+    rows = a if spins else np.vstack([a, np.ones(a.shape[1])])
+    right = b if spins else np.array([0.0, 0.0, 1.0])
+    for columns in itertools.combinations(range(a.shape[1]), len(rows)):
+        basis = rows[:, columns]
+        w = np.linalg.lstsq(basis, right, rcond=1e-12)[0]
+        if np.min(w) > -1e-12 and np.max(np.abs(basis @ w - right)) < 1e-10:
+            return True
+    return False
+
+
+@pytest.mark.parametrize('seed', range(12))
+@pytest.mark.parametrize('spin', [None, 0.3 * SPIN], ids=['at rest', 'spinning'])
+def test_a_refusal_is_right_as_all_vertices_of_the_program_say(seed, spin):
+    points = sphere.random(np.random.default_rng(seed), (5,))
+    gain, asked = Exponential(), np.zeros(3) if spin is None else spin
+    seen = design.check_points(points)
+    a, b = design.constraints(points, gain, asked)
+    for i in range(5):
+        blocked = design.blocking_direction(points, gain, asked, seen, i)
+        exists = has_solution(a[i][:, seen[i]], b[i], spin is not None)
+        assert (blocked is None) == exists
+        if blocked is not None:
+            assert abs(blocked @ points[i]) < 1e-9
+            assert np.min((points @ blocked)[seen[i]]) > -1e-9
+
+
+def test_points_on_one_side_are_refused_with_the_agent_and_the_direction():
+    points = sphere.normalize(np.array(
+        [[1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [-1.0, -1.0, 1.0], [0.1, 0.1, 1.0]]))
+    with pytest.raises(design.DesignError, match='no weights hold agent 1: all that it sees'):
+        design.design(points, Exponential())
+
+
+def test_a_gain_that_cannot_is_refused_with_what_was_tried():
+    with pytest.raises(design.DesignError, match='no stable choice of weights was found'):
+        design.design(polyhedra.SOLIDS['octahedron'], Cosine())
+
+
+@pytest.mark.parametrize(('points', 'reason'), [
+    ([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]], 'points 1 and 2 coincide'),
+    ([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], 'agent 1 is antipodal to all that it sees'),
+    ([[0.0, 0.0, 1.0]], '1 points are not valid')])
+def test_points_that_cannot_be_are_refused(points, reason):
+    with pytest.raises(design.DesignError, match=reason):
+        design.check_points(np.array(points))
+
+
+def test_another_shape_that_attracts_is_found_and_counted():
+    # The weights lead to an octahedron, and something else was asked for.
+    octahedron, gain = polyhedra.SOLIDS['octahedron'], Exponential()
+    weights = polyhedra.weights(octahedron, np.array([1.0, 6.0]), octahedron[0])
+    there = stability.transverse(octahedron, weights, gain)
+    prism = POINTS['triangular prism']
+    outcome = design.try_starts(design.Design(prism, weights, gain, there), 20, longest=30.0)
+    assert outcome.formed == 0
+    (found, count), = outcome.others
+    assert count == 20 - outcome.unsettled > 10
+    assert targets.name(found) == 'regular octahedron'
