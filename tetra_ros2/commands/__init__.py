@@ -47,9 +47,12 @@ EXAMPLES = {
     ),
     'sensors': (
         'tetra sensors --config rotating',
+        "tetra sensors --ros-args -p 'poses.topic:=/vrpn_mocap/{name}/pose'",
     ),
     'body': (
-        'tetra body --id 1 --driver pan_tilt',
+        'tetra body --id 1 --driver pan_tilt --option port=/dev/ttyUSB0',
+        'tetra body --id 2 --driver my_package.gimbal:Gimbal --option speed=2.5',
+        'tetra body --id 3 --driver rate_setpoint',
     ),
     'stop': (
         'tetra stop',
@@ -72,6 +75,7 @@ EXAMPLES = {
         'tetra launcher --config rotating',
         'tetra launcher --config rotating --seed 3 --duration 20 --record bag',
         'tetra launcher --config rotating --view',
+        'tetra launcher --config rotating --body wheels',
         'tetra launcher --config complete --json --quiet --ros-args -p gain.a:=2.0',
         'tetra launcher --without agent_3     # which you start yourself',
     ),
@@ -85,6 +89,9 @@ EXAMPLES = {
         'tetra plot bag --out figures --only error rates --format svg --to 10',
         'tetra plot bag --out figures --movie',
     ),
+    'policy': (
+        'tetra policy --config rotating --output policy.xml',
+    ),
     'verify': (
         'tetra verify',
         'tetra verify --list',
@@ -93,6 +100,7 @@ EXAMPLES = {
     'analyze': (
         'tetra analyze --config complete',
         'tetra analyze --config rotating --json',
+        'tetra analyze --config rotating --body wheels --bandwidth 20',
     ),
     'design': (
         'tetra design --polyhedron cube --out cube.yaml',

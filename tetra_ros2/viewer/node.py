@@ -10,6 +10,7 @@ the parameters of the agents, if they have any.
 """
 
 from collections import deque
+from copy import copy
 from functools import partial
 import queue
 import re
@@ -22,8 +23,10 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import MarkerArray
 
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, FORMATION
@@ -33,6 +36,7 @@ from tetra_ros2.formation.checks import Rejected, require_unit
 from tetra_ros2.formation.topology import Topology
 from tetra_ros2.ros import diagnostics, executor, qos
 from tetra_ros2.ros.node import FormationNode
+from tetra_ros2.viewer.bodies import Bodies
 from tetra_ros2.viewer.panel import Controls, FRAME_PERIOD, Page
 from tetra_ros2.viewer.scene import MOST_AGENTS
 from tetra_ros2.viewer.server import serve, stop
@@ -109,6 +113,11 @@ class Viewer(FormationNode):
             self.listen(PoseArray, names.ATTITUDES, lambda m: self._inbox.append(m), LATEST)
         else:
             watch(self._inbox.append)
+        self._bodies, self._news_of_bodies = Bodies(self.page.server), None
+        # Not one of the inputs, which the launcher waits for: kinematic bodies look like nothing.
+        self.create_subscription(
+            MarkerArray, names.BODIES, self._on_bodies, copy(qos.PICTURE), raw=True,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
         self.create_steady_timer(FRAME_PERIOD, self._refresh)
         self.create_steady_timer(INQUIRY_PERIOD, self._inquire)
         self._show_status()
@@ -135,11 +144,21 @@ class Viewer(FormationNode):
             self._next_status = begun + STATUS_PERIOD
             self._show_status()
         self.page.draw()
+        self._draw_bodies(begun)
         self._pictures += self.page.watched
         if not self.page.watched:
             self._next_picture = begun + STATUS_PERIOD
         elif self._shares and rate > FAST:
             self._next_picture = begun + min((time.monotonic() - begun) / SHARE, LONGEST_PAUSE)
+
+    def _on_bodies(self, message):
+        self._news_of_bodies = message
+
+    def _draw_bodies(self, now):
+        message, self._news_of_bodies = self._news_of_bodies, None
+        if message is not None and self.page.watched and not self._bodies.show(message, now):
+            self.health.reject(Rejected(Rejected.MALFORMED), names.BODIES)
+        self._bodies.forget(now)
 
     def _take_states(self):
         messages = [self._inbox.popleft() for _ in range(len(self._inbox))]
