@@ -249,7 +249,8 @@ class Launcher:
         observer = self.monitor.observer
         if observer.stamp is None or observer.first_stamp is None:
             return 0.0
-        return (observer.stamp - observer.first_stamp) / 1e9
+        elapsed: float = (observer.stamp - observer.first_stamp) / 1e9
+        return elapsed
 
     @property
     def error(self) -> float:

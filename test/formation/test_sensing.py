@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from tetra_ros2.formation import rotation, topology
+from tetra_ros2.formation import Formation, rotation, topology
 from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.formation.gain import Cosine
 from tetra_ros2.formation.sensing import delay_in_steps, Sensors
@@ -95,3 +95,6 @@ def test_imperfect_plant_in_lockstep_equals_the_loop_without_a_network_to_the_la
                        topology.rotating(), Cosine(), noise=0.01, delay=4, loss=0.2, seed=5)
     loop.advance(0.01, 300)
     assert np.array_equal(attitudes, loop.bodies.attitudes)
+    run = Formation(topology.rotating(), Cosine()).simulate(
+        seed=5, duration=3.0, noise=0.01, delay=0.035, loss=0.2)
+    assert np.array_equal(attitudes, run.attitudes[-1])

@@ -190,7 +190,7 @@ FORMATION = (
 )
 """What all nodes of a formation share."""
 
-AGENT = FORMATION + (
+AGENT: tuple[Parameter, ...] = FORMATION + (
     Parameter(
         'rate', 50.0, 'How often to answer with the newest measurements there are, while no full '
         'set of one stamp comes in [Hz].', minimum=1e-3, maximum=1e5, dynamic=True),

@@ -69,8 +69,8 @@ class Formation:
         return known_shape(self.topology)
 
     def simulate(self, initial: ArrayLike | None = None, *, seed: int | None = None,
-                 duration: float = 30.0, rate: float = 100.0,
-                 continuous: bool = False) -> Trajectory:
+                 duration: float = 30.0, rate: float = 100.0, continuous: bool = False,
+                 noise: float = 0.0, delay: float = 0.0, loss: float = 0.0) -> Trajectory:
         """
         Return how the formation moves.
 
@@ -79,15 +79,19 @@ class Formation:
 
         :param initial: attitudes, unit quaternions x y z w, body to world, ``(n, 4)``; or reduced
             attitudes, unit vectors, ``(n, 3)``; random ones by default, uniform on SO(3)
-        :param seed: of the random attitudes; None for others each time
+        :param seed: of all that is random; None for something else each time
         :param duration: formation time [s]; rounded to whole samples
         :param rate: samples per second [Hz]
         :param continuous: solve the closed loop eq:RF:ClosedSystem in continuous time instead,
             to about 1e-9; ``rate`` then says only how often the solution is kept
-        :raises ValueError: if an argument is not valid
+        :param noise: standard deviation of a measured direction, per axis [rad]
+        :param delay: how old the measurements are [s]; rounded up to whole steps
+        :param loss: the probability that a measurement is lost, and the one before it used again
+        :raises ValueError: if an argument is not valid; measurements of a continuous loop are
+            exact
         """
         from tetra_ros2.formation._trajectory import simulate
-        return simulate(self, initial, seed, duration, rate, continuous)
+        return simulate(self, initial, seed, duration, rate, continuous, noise, delay, loss)
 
     def equilibria(self, *, starts: int = 400, seed: int = 0) -> list[Equilibrium]:
         """

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from tetra_ros2.formation import flow, measures, rotation, shapes
 from tetra_ros2.formation._types import Array
+from tetra_ros2.formation.sensing import delay_in_steps
 from tetra_ros2.formation.simulation import sample_time, SampledLoop
 
 if TYPE_CHECKING:
@@ -119,21 +120,32 @@ def initial_attitudes(initial: ArrayLike | None, seed: int | None, axes: Array) 
 
 
 def simulate(formation: Formation, initial: ArrayLike | None, seed: int | None,
-             duration: float, rate: float, continuous: bool) -> Trajectory:
+             duration: float, rate: float, continuous: bool, noise: float, delay: float,
+             loss: float) -> Trajectory:
     """Do what :meth:`~tetra_ros2.formation.Formation.simulate` says."""
     for name, value in (('duration', duration), ('rate', rate)):
         if not 0.0 < value < math.inf:
             raise ValueError(f'{name} must be finite and greater than 0, not {value!r}')
+    if seed is None:
+        seed = int(np.random.default_rng().integers(2**31))
     axes = formation.pointing_axes
     attitudes = initial_attitudes(initial, seed, axes)
+    if not (0.0 <= noise <= 1.0 and 0.0 <= delay < math.inf and 0.0 <= loss <= 1.0):
+        raise ValueError('noise and loss must be from 0 to 1, delay finite and not negative, '
+                         f'not {noise!r}, {loss!r} and {delay!r}')
     if rate > 1e9:
         raise ValueError(f'rate must be 1e9 Hz at most, not {rate!r}')
     h = sample_time(rate)
     times = h * np.arange(round(duration / h) + 1, dtype=float)
+    steps = delay_in_steps(delay, h)
+    sensing = {'noise': noise, 'delay': steps, 'loss': loss, 'seed': seed} \
+        if noise or steps or loss else {}
     if continuous:
+        if sensing:
+            raise ValueError('the measurements of a continuous loop are exact')
         kept = flow.attitudes(attitudes, axes, formation.topology.weights, formation.gain, times)
         return Trajectory(formation, times, kept, rotation.rotate(kept, axes))
-    loop = SampledLoop(attitudes, axes, formation.topology, formation.gain)
+    loop = SampledLoop(attitudes, axes, formation.topology, formation.gain, **sensing)
     kept = np.empty((len(times), formation.n, 4))
     reduced = np.empty((len(times), formation.n, 3))
     kept[0], reduced[0] = loop.bodies.attitudes, loop.bodies.reduced

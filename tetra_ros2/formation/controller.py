@@ -58,7 +58,8 @@ class Controller:
         self.received = 0
         self.ahead = AHEAD
         self._clock = clock
-        self._suspects = {}  # for each slot the stamp that was refused last, and what was seen
+        # For each slot the stamp that was refused last, and what was seen.
+        self._suspects: dict[int, tuple[int, Vector]] = {}
         self._answered = self._step = 0  # the last round's stamp, and how far it leapt
         self.heard_at = [NEVER] * len(self.weights)
         self._seen: list[Any] = [None] * len(self.weights)  # a Vector, once there is one
