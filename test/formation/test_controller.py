@@ -277,6 +277,14 @@ def test_only_those_silent_for_too_long_are_forgotten():
     assert controller.complete
 
 
+def test_a_round_goes_on_if_there_was_nothing_to_forget():
+    controller = new_controller()
+    for slot in SLOTS[:-1]:
+        assert controller.receive(slot, 5, direction(slot), 3.0) is None
+        controller.forget(before=2.0)
+    assert controller.receive(SLOTS[-1], 5, direction(SLOTS[-1]), 3.0) is not None
+
+
 def test_after_forgetting_an_older_clock_is_welcome():
     controller = new_controller()
     receive_round(controller, 100)

@@ -191,8 +191,11 @@ class Controller:
 
         :param before: forget those last heard before this time [s]; by default all
         """
+        forgotten = False
         for slot, heard_at in enumerate(self.heard_at):
-            if heard_at < before:
+            if heard_at < before and self._seen[slot] is not None:
                 self.heard_at[slot], self._seen[slot], self._stamps[slot] = NEVER, None, 0
-        self.stamp, self._missing = max(self._stamps, default=0), self._all
-        self._suspects.clear()
+                forgotten = True
+        if forgotten:  # otherwise a round that is half there goes on
+            self.stamp, self._missing = max(self._stamps), self._all
+            self._suspects.clear()
