@@ -3,6 +3,8 @@
 
 """Sensors with noise, delay and loss; by themselves, and in the plant's hands."""
 
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
@@ -98,3 +100,11 @@ def test_imperfect_plant_in_lockstep_equals_the_loop_without_a_network_to_the_la
     run = Formation(topology.rotating(), Cosine()).simulate(
         seed=5, duration=3.0, noise=0.01, delay=0.035, loss=0.2)
     assert np.array_equal(attitudes, run.attitudes[-1])
+
+
+@given(st.integers(0, 1000), st.integers(1, 4000))
+def test_a_delay_of_whole_periods_is_so_many_steps(steps, rate):
+    period = 1.0 / rate
+    assert delay_in_steps(steps * period, period) == steps
+    assert delay_in_steps(steps / rate, period) == steps
+    assert delay_in_steps((steps + 0.01) * period, period) == steps + 1
