@@ -54,6 +54,9 @@ N = TypeVar('N', bound=FormationNode)
 DISCOVERY_TIMEOUT = 20.0
 """How long the nodes may take to find each other [s]."""
 
+AWAITED_PERIOD = 5.0
+"""How often to say that somebody else's node is awaited [s]."""
+
 FAREWELL_TIMEOUT = 2.0
 """How long nodes that were here before may take to be gone [s]."""
 
@@ -196,31 +199,44 @@ class Launcher:
         return node
 
     def _discover(self) -> None:
-        """Spin until every topic between the nodes has its two ends, and the recorder too."""
-        begun = time.monotonic()
+        """
+        Spin until every topic between the nodes has its two ends, and the recorder too.
+
+        Who comes in the place of a node that was left out may take its time.
+        """
+        begun = told_at = time.monotonic()
         never = Future(executor=self.executor)
-        while (elapsed := time.monotonic() - begun) < DISCOVERY_TIMEOUT:
-            missing, crowded = self._links()
-            if crowded and elapsed > FAREWELL_TIMEOUT:
+        while True:
+            missing, awaited, conflicts = self._links()
+            now = time.monotonic()
+            if conflicts and now - begun > FAREWELL_TIMEOUT:
                 raise ConfigurationError(
-                    f'somebody else is on {crowded[0]} already; choose another --namespace or '
+                    f'somebody else is on {conflicts[0]} already; choose another --namespace or '
                     'another ROS_DOMAIN_ID')
-            if not missing and not crowded:
+            if not missing and not awaited and not conflicts:
                 return
+            if missing and not awaited and now - begun > DISCOVERY_TIMEOUT:
+                break
+            if awaited and now - told_at > AWAITED_PERIOD:
+                told_at = now
+                self.monitor.get_logger().info(
+                    f'waiting for {", ".join(sorted(self._without))}: nobody publishes on '
+                    f'{awaited[0]}' + (f' and {len(awaited) - 1} more' if awaited[1:] else ''))
             spin_some(self.executor, never, timeout=0.01)
         raise ConfigurationError(
             f'nobody found on {missing[0]} within {DISCOVERY_TIMEOUT:g} s; is there a network '
             'interface, if only loopback, and does ROS_AUTOMATIC_DISCOVERY_RANGE allow it?')
 
-    def _links(self) -> tuple[list[str], list[str]]:
+    def _links(self) -> tuple[list[str], list[str], list[str]]:
         """
         Look at both ends of every topic here, as each end learns of the other by itself.
 
-        :returns: topics on which somebody is still missing, and those on which there is one
-            publisher too many
+        :returns: topics on which one of these nodes is still missing, those on which somebody
+            else's node is, and those on which there is one publisher too many
         """
         missing: list[str] = []
-        crowded: list[str] = []
+        awaited: list[str] = []
+        conflicts: list[str] = []
         watching = (self.recorder, self.viewer)  # many may publish what these listen to
         listeners = Counter(s.topic_name for node in self.nodes for s in node.inputs)
         speakers = Counter(p.topic_name for node in self.nodes for p in node.outputs)
@@ -231,12 +247,15 @@ class Launcher:
                 if publisher.get_subscription_count() < listeners[publisher.topic_name]:
                     missing.append(publisher.topic_name)
             for subscription in node.inputs:
+                topic = subscription.topic_name
                 count = subscription.get_publisher_count()
-                if count < max(speakers[subscription.topic_name], 1):
-                    missing.append(subscription.topic_name)
+                if count < speakers[topic]:
+                    missing.append(topic)
+                elif not count:
+                    (awaited if self._without else missing).append(topic)
                 elif count > 1 and node not in watching:
-                    crowded.append(subscription.topic_name)
-        return missing, crowded
+                    conflicts.append(topic)
+        return missing, awaited, conflicts
 
     @property
     def formation(self) -> Formation:

@@ -369,3 +369,23 @@ def test_after_a_new_start_everything_is_said_anew(probe, mode, service):
         assert formation.time > before, 'formation time itself goes on'
         assert formation.run_until(lambda: formation.error < 1e-3, timeout=20.0)
         assert formation.monitor.observer.restarts == 1
+
+
+def test_who_is_left_out_is_waited_for_as_long_as_it_takes(processes, monkeypatch):
+    """The plant of another process comes after what is given up for one's own nodes."""
+    from tetra_ros2 import launcher
+    monkeypatch.setattr(launcher, 'DISCOVERY_TIMEOUT', 0.5)
+    monkeypatch.setattr(launcher, 'AWAITED_PERIOD', 0.2)
+    started = []
+
+    class Late(Launcher):
+        def _links(self):
+            found = super()._links()
+            if found[1] and time.monotonic() - begun > 1.0 and not started:
+                started.append(processes.tetra('plant', '--config', 'complete'))
+            return found
+
+    begun = time.monotonic()
+    with Late('complete', without=['plant']) as formation:
+        assert started
+        assert formation.run_until(lambda: formation.error < 1e-3, timeout=30.0)

@@ -190,7 +190,13 @@ FORMATION = (
 )
 """What all nodes of a formation share."""
 
-AGENT: tuple[Parameter, ...] = FORMATION + (
+ON_PUBLISHER_CONFLICT = Parameter(
+    'on_publisher_conflict', 'report', 'What to do while a second publisher is on a topic that is '
+    "one node's own: report it, or hold still until it is one again.",
+    choices=('report', 'hold'), dynamic=True)
+
+AGENT = FORMATION + (
+    ON_PUBLISHER_CONFLICT,
     Parameter(
         'rate', 50.0, 'How often to answer with the newest measurements there are, while no full '
         'set of one stamp comes in [Hz].', minimum=1e-3, maximum=1e5, dynamic=True),
@@ -279,12 +285,6 @@ BODIES = (
 )
 """What the plant's bodies are made of."""
 
-ON_PUBLISHER_CONFLICT = Parameter(
-    'on_publisher_conflict', 'report', 'What to do while a second publisher is on a topic that is '
-    "one node's own: report it, or hold still until it is one again.",
-    choices=('report', 'hold'), dynamic=True)
-
-AGENT += (ON_PUBLISHER_CONFLICT,)
 
 PLANT = FORMATION + (
     ON_PUBLISHER_CONFLICT,
