@@ -97,6 +97,9 @@ EXAMPLES = {
         'tetra verify --list',
         'tetra verify --json > claims.json',
     ),
+    'policy': (
+        'tetra policy --config rotating --output policy.xml',
+    ),
     'analyze': (
         'tetra analyze --config complete',
         'tetra analyze --config rotating --json',

@@ -17,6 +17,13 @@ ENOUGH = 0.99
 """The fraction of random starts that must form for no other gain to be tried."""
 
 
+RATE = 100.0
+"""Of the loop in the configuration that is written [Hz]."""
+
+TOLERANCE = 1e-3
+"""The monitor's, by default [rad]."""
+
+
 def add_arguments(parser):
     """Add the arguments of ``tetra design``."""
     from tetra_ros2.formation.topology import POLYHEDRA
@@ -97,7 +104,8 @@ def run(arguments):
     made, outcome = found
     figures = _figures(made, outcome)
     if arguments.out is not None:
-        Path(arguments.out).write_text(_configuration(made, arguments), encoding='utf-8')
+        Path(arguments.out).write_text(
+            _configuration(made, figures['offset'], arguments), encoding='utf-8')
     if arguments.json:
         print(json.dumps(figures, indent=2, allow_nan=False))
     else:
@@ -240,6 +248,18 @@ def _named(gain):
     return f'{family} gain' + (f', b = {gain.b:g}' if family != 'cosine' else '')
 
 
+def _offset(made):
+    """Return how far sampling at RATE takes the pairwise angles from those of the points [rad]."""
+    import numpy as np
+
+    from tetra_ros2.formation import measures, sampling
+    if not made.equilibrium.spins:
+        return 0.0
+    there = sampling.sampled_equilibrium(made.points, made.weights, made.gain, 1.0 / RATE)
+    return float(np.max(np.abs(np.sort(measures.pairwise_angles(there.gamma))
+                               - np.sort(measures.pairwise_angles(made.points)))))
+
+
 def _figures(made, outcome):
     """Return the figures of a design as plain values."""
     import numpy as np
@@ -262,6 +282,7 @@ def _figures(made, outcome):
         'fastest_rate': made.fastest,
         'max_sample_time': sampling.max_sample_time(*arguments),
         'max_delay': sampling.max_delay(*arguments),
+        'offset': _offset(made),
         'starts': outcome.starts,
         'formed': outcome.formed,
         'fraction_above_with_95_percent': lower_bound(outcome.formed, outcome.starts),
@@ -299,6 +320,8 @@ def _print(figures, made, outcome, refusals, arguments):
     row('rates', f'slowest {made.slowest:.5g} 1/s, fastest {made.fastest:.5g} 1/s')
     row('limits', f'sample time below {figures["max_sample_time"]:.5g} s with no delay, delay '
                   f'below {figures["max_delay"]:.4g} s with no sampling')
+    if figures['offset'] > 1e-12:
+        row('', f'sampling at {RATE:g} Hz takes the angles {figures["offset"]:.2g} rad off')
     row('starts', f'{outcome.formed} of {outcome.starts} random ones formed: a chance above '
                   f'{figures["fraction_above_with_95_percent"]:.2%} with 95 % confidence')
     for gamma, count in outcome.others:
@@ -320,7 +343,7 @@ def _what(gamma):
     return equilibria.classify(gamma) if name.startswith('formation') else name
 
 
-def _configuration(made, arguments):
+def _configuration(made, offset, arguments):
     """Return the text of a configuration that runs the design."""
     import yaml
     edges = [f'{i + 1} {j + 1} {made.weights[i, j]:.12g}'
@@ -337,6 +360,9 @@ def _configuration(made, arguments):
             # What is to come out: for those who watch, not for the agents.
             'points': [float(f'{x:.15g}') for x in made.points.ravel()]},
         'gain': {'kind': family, 'a': made.gain.a, 'b': made.gain.b}}},
-        '/**/plant': {'ros__parameters': {'mode': 'lockstep', 'rate': 100.0, 'seed': 7}}}
+        '/**/plant': {'ros__parameters': {'mode': 'lockstep', 'rate': RATE, 'seed': 7}}}
+    if 2.0 * offset > TOLERANCE:
+        # The formation of the sampled loop is not quite that of the points, and is to count.
+        document['/**/monitor'] = {'ros__parameters': {'tolerance': float(f'{2.0 * offset:.1g}')}}
     return (f'# Made by: tetra design {goal}{spin} --gain {family} --gain-b {made.gain.b:g}\n'
             + yaml.safe_dump(document, sort_keys=False, width=99))

@@ -257,10 +257,11 @@ class _Program:
                         b_eq=np.repeat([0.0, 1.0], [len(self.equations), n]),
                         bounds=[(0.0, 1.0 if ok else 0.0) for ok in allowed])
                  for _ in range(TRIED_VERTICES)]
-        if found[0] is None:
+        vertices = [w for w in found if w is not None]
+        if not vertices:
             raise DesignError('no weights satisfy the equations of all agents at once')
         # Their mean has most of the weights that can be greater than zero.
-        return [np.mean(found, axis=0), *(w for w in found if w is not None)]
+        return [np.asarray(np.mean(vertices, axis=0)), *vertices]
 
     def spectrum(self, w: Array, share: float) -> tuple[Array, Array, Array]:
         """Return eigenvalues, left and right eigenvectors, of the true linearisation."""
