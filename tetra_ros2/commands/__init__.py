@@ -89,9 +89,6 @@ EXAMPLES = {
         'tetra plot bag --out figures --only error rates --format svg --to 10',
         'tetra plot bag --out figures --movie',
     ),
-    'policy': (
-        'tetra policy --config rotating --output policy.xml',
-    ),
     'verify': (
         'tetra verify',
         'tetra verify --list',

@@ -256,8 +256,8 @@ def _offset(made):
     if not made.equilibrium.spins:
         return 0.0
     there = sampling.sampled_equilibrium(made.points, made.weights, made.gain, 1.0 / RATE)
-    return float(np.max(np.abs(np.sort(measures.pairwise_angles(there.gamma))
-                               - np.sort(measures.pairwise_angles(made.points)))))
+    return float(np.max(np.abs(measures.pairwise_angles(there.gamma)
+                               - measures.pairwise_angles(made.points))))
 
 
 def _figures(made, outcome):
@@ -363,6 +363,6 @@ def _configuration(made, offset, arguments):
         '/**/plant': {'ros__parameters': {'mode': 'lockstep', 'rate': RATE, 'seed': 7}}}
     if 2.0 * offset > TOLERANCE:
         # The formation of the sampled loop is not quite that of the points, and is to count.
-        document['/**/monitor'] = {'ros__parameters': {'tolerance': float(f'{2.0 * offset:.1g}')}}
+        document['/**/monitor'] = {'ros__parameters': {'tolerance': float(f'{3.0 * offset:.1g}')}}
     return (f'# Made by: tetra design {goal}{spin} --gain {family} --gain-b {made.gain.b:g}\n'
             + yaml.safe_dump(document, sort_keys=False, width=99))

@@ -161,8 +161,8 @@ def analyze(formation: Formation, *, rate: float, delay: float, noise: float, st
         step = float(f'{fraction * max_sample_time:.2g}')
         steps = max_delay_steps(step)
         trade_off.append((1.0 / step, steps, steps * step))
-    angles = np.sort(measures.pairwise_angles(gamma))
-    sampled_angles = np.sort(measures.pairwise_angles(there.gamma))
+    angles = measures.pairwise_angles(gamma)
+    sampled_angles = measures.pairwise_angles(there.gamma)
     return Analysis(
         agents=topology.n,
         edges=len(topology.edges),
@@ -170,7 +170,7 @@ def analyze(formation: Formation, *, rate: float, delay: float, noise: float, st
         symmetric=bool(np.all(weights == weights.T)),
         shape=shape.name if shape is not None else None,
         reduced_attitudes=tuple((float(x), float(y), float(z)) for x, y, z in gamma),
-        angles=tuple(angles.tolist()),
+        angles=tuple(np.sort(angles).tolist()),
         hyperbolic=hyperbolic,
         spin_rate=spin,
         period=2.0 * math.pi / spin if spin else None,
