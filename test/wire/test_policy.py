@@ -52,14 +52,16 @@ def test_the_command_writes_it(tmp_path, capsys):
     assert 'cannot be written' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('namespace', ['', 'orbit'])
-def test_the_nodes_do_what_the_policy_allows_and_nothing_else(tmp_path, namespace):
+@pytest.mark.parametrize(('namespace', 'body'), [('', 'kinematic'), ('orbit', 'wheels')])
+def test_the_nodes_do_what_the_policy_allows_and_nothing_else(tmp_path, namespace, body):
+    pytest.importorskip('mujoco')
     launcher = pytest.importorskip('tetra_ros2.launcher')
     pytest.importorskip('viser')
-    with launcher.Launcher('rotating', namespace=namespace, record=tmp_path / 'bag',
+    with launcher.Launcher('rotating', namespace=namespace, body=body, record=tmp_path / 'bag',
                            view=('127.0.0.1', 0)) as formation:
         formation.run_for(0.1)
-        allowed = rights(formation.formation.topology, f'/{namespace}' if namespace else '')
+        allowed = rights(formation.formation.topology, f'/{namespace}' if namespace else '',
+                         mass=body != 'kinematic')
         assert {node.get_name() for node in formation.nodes} == set(allowed)
         for node in formation.nodes:
             opened = {kind: {name for name, _ in getattr(

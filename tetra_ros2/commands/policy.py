@@ -33,8 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
     if namespace and not namespace.startswith('/'):
         namespace = f'/{namespace}'
     file = configuration.load(arguments.config)
-    lockstep = file.values('plant')['mode'] == 'lockstep'
-    text = document(rights(file.formation().topology, namespace, lockstep=lockstep), namespace)
+    plant = file.values('plant')
+    lockstep, mass = plant['mode'] == 'lockstep', plant['body'] != 'kinematic'
+    nodes = rights(file.formation().topology, namespace, lockstep=lockstep, mass=mass)
+    text = document(nodes, namespace)
     if arguments.output is None:
         sys.stdout.write(text)
         return 0

@@ -43,17 +43,18 @@ _WHEEL = """
 def wheels_xml(wheels: Wheels) -> str:
     """Return the MJCF of a box with three reaction wheels."""
     parts, motors = '', ''
+    sides = _box_sides(wheels.mass, wheels.body_inertia)
     for k, axis in enumerate('xyz'):
         unit = np.eye(3)[k]
         # A thin disc: half of it across its axis.
         inertia = wheels.inertia * (0.5 + 0.5 * unit)
-        ends = np.concatenate([-0.012 * unit, 0.012 * unit]) + np.tile(0.07 * unit, 2)
+        face = 0.5 * sides[k]  # it is mounted on
+        ends = np.concatenate([face * unit, (face + 0.024) * unit])
         parts += _WHEEL.format(
             axis=axis, direction=_numbers(unit), inertia=_numbers(inertia), radius=0.06,
             ends=_numbers(ends))
         motors += (f'    <motor name="wheel_{axis}" joint="wheel_{axis}" '
                    f'ctrlrange="{-wheels.torque_limit!r} {wheels.torque_limit!r}"/>\n')
-    sides = _box_sides(wheels.mass, wheels.body_inertia)
     return f"""<mujoco model="wheels">{_OPTIONS}
   <worldbody>
     <body name="{BODY}">

@@ -40,13 +40,15 @@ class Rights:
     request: set[str] = field(default_factory=set)
 
 
-def rights(topology: Topology, namespace: str = '', *, lockstep: bool = True) -> dict[str, Rights]:
+def rights(topology: Topology, namespace: str = '', *, lockstep: bool = True,
+           mass: bool = False) -> dict[str, Rights]:
     """
     Return what each node of a formation may do, by the nodes' names.
 
     :param topology: who sees whom
     :param namespace: of the formation
     :param lockstep: whether the plant publishes ``/clock``
+    :param mass: whether its bodies have mass, and so joints and a look
     """
     base = namespace.rstrip('/')
 
@@ -59,20 +61,22 @@ def rights(topology: Topology, namespace: str = '', *, lockstep: bool = True) ->
     attitudes, cosines = full(names.ATTITUDES), full(names.COSINES)
     error, markers = full(names.ERROR), full(names.MARKERS)
     clock = {names.CLOCK} if lockstep else set()
+    bodies = full(names.BODIES)
+    joints = {full(names.joint_states(i)) for i in agents} if mass else set()
     nodes = {names.agent(i): Rights(
         publish={commands[i]},
         subscribe={topic for (a, _), topic in measurements.items() if a == i}) for i in agents}
     nodes[names.PLANT] = Rights(
-        publish={attitudes, *measurements.values(), *clock},
+        publish={attitudes, *measurements.values(), *joints, *clock, *({bodies} if mass else ())},
         subscribe=set(commands.values()),
         reply={full(name) for name in (
             names.RESET, names.RANDOMIZE, names.PAUSE, names.stop(names.PLANT))})
     nodes[names.MONITOR] = Rights(publish={cosines, error, markers}, subscribe={attitudes})
     nodes[names.RECORDER] = Rights(subscribe={
         attitudes, cosines, error, names.DIAGNOSTICS, names.CLOCK, *measurements.values(),
-        *commands.values()})
+        *commands.values(), *joints})
     nodes[names.VIEWER] = Rights(
-        subscribe={attitudes, names.DIAGNOSTICS},
+        subscribe={attitudes, bodies, names.DIAGNOSTICS},
         request={
             *(full(name) for name in (names.RESET, names.RANDOMIZE, names.PAUSE)),
             *(full(f'{node}/{service}') for service in ('get_parameters', 'set_parameters')
