@@ -1,27 +1,39 @@
-# `make demo` and `make test` set themselves up: all they want is Python 3.10 to 3.13 with venv.
-# Whoever has ROS 2 from apt builds with colcon instead; see README.md.
+# `make demo` and `make test` set themselves up: all they want is Python 3.10 to 3.13 with venv, of
+# which PYTHON names one. Whoever has ROS 2 from apt builds with colcon instead; see README.md.
 
 PYTHON ?= python3
 VENV := .venv
 # A sourced ROS 2 would get in the way of the one from PyPI.
 CLEAN := env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH
 TETRA := $(CLEAN) $(VENV)/bin/tetra
+# Editable, so that a change needs no new installation; with pip's progress, as it takes a while.
+INSTALL = $(CLEAN) $(VENV)/bin/python -m pip install --disable-pip-version-check -e
 
-.PHONY: help demo test browser verify bench chaos soak lint clean pictures
+.PHONY: help demo test quick browser verify bench chaos soak lint clean pictures
 
 help:  ## say what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
+	@echo; echo 'make PYTHON=python3.12 ... makes .venv with another Python than python3.'
+	@echo "make test PYTEST_ARGS='test/formation -k gain' runs a part of the tests."
 
 demo: $(VENV)/.ros  ## form the complete and then the rotating formation
 	@echo '$$ tetra launcher --config complete'
 	@$(TETRA) launcher --config complete
 	@echo; echo '$$ tetra launcher --config rotating'
 	@$(TETRA) launcher --config rotating
+	@echo; echo 'What to do next:'
+	@echo '  . $(VENV)/bin/activate                      # then there is a command tetra'
+	@echo '  tetra launcher --config rotating --view     # and open the address that it prints'
+	@echo '  tetra launcher --config rotating --duration 20 --record bag && tetra plot bag --out figures'
 
 test: $(VENV)/.test browser  ## run all tests
 	$(CLEAN) $(VENV)/bin/ruff check .
 	$(CLEAN) $(VENV)/bin/mypy
 	$(CLEAN) $(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+
+quick: $(VENV)/.test  ## run the tests that start no nodes, in a minute or two
+	$(CLEAN) $(VENV)/bin/ruff check .
+	$(CLEAN) $(VENV)/bin/python -m pytest -m 'not slow' test/formation test/config test/wire test/drawing
 
 verify: $(VENV)/.test  ## check every claim of the paper
 	@$(TETRA) verify
@@ -60,15 +72,16 @@ $(VENV)/bin/python:
 	@$(PYTHON) -m venv $(VENV) || \
 	  { rm -rf $(VENV); echo "venv is missing: apt install python3-venv" >&2; exit 2; }
 
-# Editable, so that a change needs no new installation.
-$(VENV)/.ros: setup.py | $(VENV)/bin/python
-	$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[ros,record]'
+$(VENV)/.ros: setup.py tetra_ros2/installation.py | $(VENV)/bin/python
+	@echo 'Into $(VENV), from PyPI: ROS 2 (rclpy, Fast DDS), the viewer, matplotlib; DOWNLOAD.'
+	$(INSTALL) '.[ros,record,plot,view,completion]'
 	@touch $@
 
-$(VENV)/.test: setup.py | $(VENV)/bin/python
-	$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[ros,test]'
+$(VENV)/.test: setup.py tetra_ros2/installation.py | $(VENV)/bin/python
+	@echo 'Into $(VENV), from PyPI: all that the tests want; DOWNLOADTEST.'
+	$(INSTALL) '.[ros,test]'
 	@touch $@ $(VENV)/.ros
 
-$(VENV)/.bench: setup.py | $(VENV)/bin/python
-	$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[ros,record,bench]'
-	@touch $@ $(VENV)/.ros
+$(VENV)/.bench: setup.py tetra_ros2/installation.py | $(VENV)/bin/python
+	$(INSTALL) '.[ros,record,bench]'
+	@touch $@

@@ -49,6 +49,7 @@ setup(
     description='Intrinsic tetrahedron formation of reduced attitudes over ROS 2',
     long_description=Path('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
+    # Whoever releases puts a name and an address here that people can write to; package.xml too.
     maintainer='The tetra_ros2 authors',
     maintainer_email='maintainers@tetra-ros2.example.org',
     license='Apache-2.0',

@@ -238,7 +238,7 @@ def all_rows():
             (many['bytes', 32], many['bytes', 4]), 'us/message', 'us'),
         Row('scipy', 'trajectories/s to a final error of 1e-6, one core',
             'SciPy solve_ivp, DOP853', (batch['one core'], batch['SciPy']), per_core, '1/s',
-             at_least=150.0),
+            at_least=150.0),
         Row('numpy', 'the same', 'RK4, vectorised numpy', (batch['one core'], batch['numpy']),
             per_core, '1/s', at_least=10.0),
         Row('cores', 'the same on two cores', 'one core', (batch['two cores'],
@@ -527,7 +527,7 @@ class Bench:
             answer.process.send_signal(signal.SIGINT)
         return {'MB': size}
 
-    def help(self):
+    def help(self):  # noqa: A003
         """Time ``tetra --help``."""
         begun = time.monotonic()
         with self._process(('-m', 'tetra_ros2', '--help'), self._environment) as process:

@@ -12,7 +12,7 @@ sys.path.insert(0, str(TOP))
 
 project = 'tetra_ros2'
 author = 'The tetra_ros2 authors'
-copyright = f'2026, {author}'
+copyright = f'2026, {author}'  # noqa: A001
 release = re.search('<version>(.*)</version>', (TOP / 'package.xml').read_text())[1]
 
 extensions = [

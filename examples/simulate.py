@@ -16,7 +16,7 @@ class Quartic(Gain):
     """The gain a / (1 + b theta^4): near neighbours count nearly alike, far ones hardly."""
 
     def f(self, theta, xp=np):
-        """Return f(theta) [rad/s]; xp is numpy for arrays and math for plain floats."""
+        """Return f at theta [rad/s]; xp is numpy for arrays and math for plain floats."""
         return self.a / (1.0 + self.b * theta**4)
 
 

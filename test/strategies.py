@@ -24,13 +24,13 @@ def vectors(longest=1.0, size=3):
 
 
 def unit_vectors(size=3):
-    """Unit vectors; they shrink to basis vectors."""
+    """Return unit vectors; they shrink to basis vectors."""
     long_enough = vectors(size=size).filter(lambda x: np.linalg.norm(x) > 0.1)
     return long_enough.map(lambda x: x / np.linalg.norm(x))
 
 
 def quaternions():
-    """Unit quaternions x y z w, ``(4,)``."""
+    """Return unit quaternions x y z w, ``(4,)``."""
     return unit_vectors(size=4)
 
 
@@ -40,13 +40,13 @@ def formations(n):
 
 
 def attitudes(n):
-    """Unit quaternions of ``n`` bodies, ``(n, 4)``."""
+    """Return unit quaternions of ``n`` bodies, ``(n, 4)``."""
     return st.lists(quaternions(), min_size=n, max_size=n).map(np.array)
 
 
 @st.composite
 def tangents(draw, longest=1.0):
-    """A point on the sphere and a tangent vector there, the latter up to ``longest`` long."""
+    """Return a point on the sphere and a tangent vector there, up to ``longest`` long."""
     x = draw(unit_vectors())
     y = draw(unit_vectors())
     normal = np.cross(x, y)
@@ -82,5 +82,5 @@ def any_weights(draw, n):
 
 
 def any_topology(n):
-    """Custom topologies of ``n`` agents."""
+    """Return custom topologies of ``n`` agents."""
     return any_weights(n).map(lambda weights: Topology('custom', weights))

@@ -13,11 +13,11 @@ from tetra_ros2.formation import gimbal
 
 pytest.importorskip('dynamixel_sdk')
 
-from dynamixel_sdk import PacketHandler
+from dynamixel_sdk import PacketHandler  # noqa: E402
 
-from tetra_ros2.drivers import dynamixel
-from tetra_ros2.drivers.pan_tilt import PanTilt
-from tetra_ros2.drivers.simulated_bus import crc, SimulatedBus
+from tetra_ros2.drivers import dynamixel  # noqa: E402
+from tetra_ros2.drivers.pan_tilt import PanTilt  # noqa: E402
+from tetra_ros2.drivers.simulated_bus import crc, SimulatedBus  # noqa: E402
 
 
 @pytest.fixture

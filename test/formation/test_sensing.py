@@ -82,7 +82,7 @@ def test_a_repetition_is_no_new_measurement():
 
 
 @pytest.mark.parametrize(('delay', 'steps'), [(0.0, 0), (0.01, 1), (0.03, 3), (0.0301, 4),
-                                                (0.0300001, 4), (0.1 + 0.2, 30), (1.0, 100)])
+                                              (0.0300001, 4), (0.1 + 0.2, 30), (1.0, 100)])
 def test_a_delay_is_rounded_up_to_whole_steps(delay, steps):
     assert delay_in_steps(delay, 0.01) == steps
 

@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool
 
 pytest.importorskip('dynamixel_sdk')
 
-from tetra_ros2.drivers.simulated_bus import SimulatedBus
+from tetra_ros2.drivers.simulated_bus import SimulatedBus  # noqa: E402
 
 THETA = math.acos(-1.0 / 3.0)
 

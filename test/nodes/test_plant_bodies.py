@@ -21,8 +21,8 @@ from tetra_ros2.ros.executor import spin_some
 
 pytest.importorskip('mujoco')
 
-from tetra_ros2.physics.bodies import make_bodies
-from tetra_ros2.physics.settings import Physics, RateLoop
+from tetra_ros2.physics.bodies import make_bodies  # noqa: E402
+from tetra_ros2.physics.settings import Physics, RateLoop  # noqa: E402
 
 
 def spin(run):

@@ -66,10 +66,10 @@ FEW = 0.05
 """Starts that do not form take as long as can be: some of them are enough to see it."""
 
 WRONG_SIGN = SystemUnderTest(complete=topology.Topology('custom', -topology.complete().weights),
-                     rotating=topology.Topology('custom', -topology.rotating().weights),
-                     effort=FEW)
+                             rotating=topology.Topology('custom', -topology.rotating().weights),
+                             effort=FEW)
 WRONG_WEIGHT = SystemUnderTest(complete=changed(topology.complete(), 1, 2, 0.4),
-                       rotating=changed(topology.rotating(), 2, 3, 0.6), effort=FEW)
+                               rotating=changed(topology.rotating(), 2, 3, 0.6), effort=FEW)
 WRONG_GAIN = SystemUnderTest(gains=(Rising(), Rising(0.5)), effort=FEW)
 
 BY_WRONG_SIGN = [

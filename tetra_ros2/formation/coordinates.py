@@ -147,7 +147,7 @@ def normalized(gamma: ArrayLike) -> Array:
 
 def inverse(xi: ArrayLike, chirality: ArrayLike) -> Array:
     """
-    Return the formation of given coordinates: ``inverse(transform(G), chirality(G)) == G``.
+    Return the formation G of given coordinates ``transform(G)`` and ``chirality(G)``.
 
     :param xi: six cosines of a formation that exists, and three angles [rad], ``(..., 9)``
     :param chirality: 1 or -1, ``(...)``; any number where the four are on one great circle: there
@@ -200,16 +200,17 @@ def gram_identity(cosines: ArrayLike) -> Array:
     :param cosines: xi_s, ``(..., 6)``
     """
     c12, c13, c14, c23, c24, c34 = np.moveaxis(np.asarray(cosines, dtype=float), -1, 0)
-    result: Array = (c12**2 + c13**2 + c14**2 + c23**2 + c24**2 + c34**2
-            - (c14 * c23)**2 - (c13 * c24)**2 - (c12 * c34)**2
-            - 2.0 * (c12 * c13 * c23 + c23 * c24 * c34 + c13 * c14 * c34 + c12 * c14 * c24)
-            + 2.0 * (c13 * c14 * c23 * c24 + c12 * c13 * c24 * c34 + c12 * c14 * c23 * c34))
+    result: Array = (
+        c12**2 + c13**2 + c14**2 + c23**2 + c24**2 + c34**2
+        - (c14 * c23)**2 - (c13 * c24)**2 - (c12 * c34)**2
+        - 2.0 * (c12 * c13 * c23 + c23 * c24 * c34 + c13 * c14 * c34 + c12 * c14 * c24)
+        + 2.0 * (c13 * c14 * c23 * c24 + c12 * c13 * c24 * c34 + c12 * c14 * c23 * c34))
     return result
 
 
 def h(xi_s: Array) -> Array:
     """
-    Return the matrix h of ``dxi_s/dt = h(xi_s) F(xi_s)``, complete graph; eq:SF:newCorDynf1Detial.
+    Return the matrix h of ``dxi_s/dt = h F(xi_s)``, complete graph; eq:SF:newCorDynf1Detial.
 
     :param xi_s: six cosines, ``(..., 6)``
     :returns: ``(..., 6, 6)``

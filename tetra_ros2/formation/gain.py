@@ -62,7 +62,7 @@ class Gain(ABC):
 
     @abstractmethod
     def f(self, theta: Any, xp: ModuleType = np) -> Any:
-        """Return f(theta) [rad/s], of the shape of ``theta`` [rad]."""
+        """Return f at theta [rad/s], of the shape of ``theta`` [rad]."""
 
     def derivative(self, theta: Any, xp: ModuleType = np) -> Any:
         """
@@ -94,7 +94,7 @@ class Cosine(Gain):
     """The paper's gain a (1 + cos theta), As:SFG:f, with almost global convergence proven."""
 
     def f(self, theta: Any, xp: ModuleType = np) -> Any:
-        """Return f(theta) [rad/s]."""
+        """Return f at theta [rad/s]."""
         return self.a * (1.0 + xp.cos(theta))
 
     def derivative(self, theta: Any, xp: ModuleType = np) -> Any:
@@ -112,7 +112,7 @@ class Exponential(Gain):
     """The paper's gain a exp(-b theta), with b = 1 there."""
 
     def f(self, theta: Any, xp: ModuleType = np) -> Any:
-        """Return f(theta) [rad/s]."""
+        """Return f at theta [rad/s]."""
         return self.a * xp.exp(-self.b * theta)
 
     def derivative(self, theta: Any, xp: ModuleType = np) -> Any:
@@ -124,7 +124,7 @@ class Gaussian(Gain):
     """The gain a exp(-(b theta)^2 / 2): strong nearby, soon forgotten."""
 
     def f(self, theta: Any, xp: ModuleType = np) -> Any:
-        """Return f(theta) [rad/s]."""
+        """Return f at theta [rad/s]."""
         u = self.b * theta
         return self.a * xp.exp(-0.5 * (u * u))
 
@@ -138,7 +138,7 @@ class Linear(Gain):
     """The gain a (1 - b theta / pi), with b below or equal to 1: it needs no transcendental."""
 
     def f(self, theta: Any, xp: ModuleType = np) -> Any:
-        """Return f(theta) [rad/s]."""
+        """Return f at theta [rad/s]."""
         return self.a * (1.0 - self.b * (theta / math.pi))
 
     def derivative(self, theta: Any, xp: ModuleType = np) -> Any:
@@ -150,7 +150,7 @@ class Rational(Gain):
     """The gain a / (1 + (b theta)^2): the longest reach of these families."""
 
     def f(self, theta: Any, xp: ModuleType = np) -> Any:
-        """Return f(theta) [rad/s]."""
+        """Return f at theta [rad/s]."""
         u = self.b * theta
         return self.a / (1.0 + u * u)
 

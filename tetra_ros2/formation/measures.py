@@ -13,7 +13,7 @@ from tetra_ros2.formation._types import Array
 
 
 def pairs(n: int) -> tuple[tuple[int, int], ...]:
-    """Return the pairs (i, j) of agents with i < j in lexicographic order, from 1."""
+    """Return all couples (i, j) of agents with i < j in lexicographic order, from 1."""
     return tuple(itertools.combinations(range(1, n + 1), 2))
 
 

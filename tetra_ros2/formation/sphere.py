@@ -11,7 +11,7 @@ from tetra_ros2.formation._types import Array
 
 def hat(x: ArrayLike) -> Array:
     """
-    Return the skew matrices of vectors: ``hat(x) @ y == cross(x, y)``; eq:pre:hat.
+    Return the skew matrices of vectors, x^ with ``x^ @ y == cross(x, y)``; eq:pre:hat.
 
     :param x: vectors, ``(..., 3)``
     :returns: skew-symmetric matrices, ``(..., 3, 3)``

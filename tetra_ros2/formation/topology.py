@@ -64,7 +64,7 @@ class Topology:
 
     @property
     def edges(self) -> tuple[tuple[int, int, float], ...]:
-        """Return all edges (i, j, W(i, j)) with W(i, j) != 0, in lexicographic order."""
+        """Return each (i, j, W(i, j)) with W(i, j) != 0, in lexicographic order."""
         return tuple((i, j, weight) for i in range(1, self.n + 1)
                      for j, weight in self.neighbors(i))
 

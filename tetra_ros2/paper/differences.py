@@ -103,5 +103,5 @@ class FixedSlope:
         self.value, self.slope = value, slope
 
     def f(self, theta: ArrayLike) -> np.ndarray:
-        """Return f(theta)."""
+        """Return f at theta."""
         return self.value + self.slope * (np.asarray(theta) - shapes.THETA_STAR)

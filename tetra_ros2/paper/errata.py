@@ -260,7 +260,7 @@ class _Function(Gain):
         object.__setattr__(self, 'function', function)
 
     def f(self, theta: Any, xp: Any = np) -> Any:
-        """Return f(theta)."""
+        """Return f at theta."""
         return self.function(np.asarray(theta))
 
 

@@ -379,4 +379,3 @@ def make_bodies(attitudes: ArrayLike, axes: ArrayLike, physics: Physics,
         vehicle = models.load(physics)
     kind = FloatingBodies if vehicle.floats else Gimbals
     return kind(attitudes, axes, physics, vehicle)
-

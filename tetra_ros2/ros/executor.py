@@ -188,4 +188,3 @@ def run(make_node, config=None, arguments=()):
     finally:
         executor.shutdown()
         context.try_shutdown()
-

@@ -34,4 +34,4 @@ def starts_that_form(system: SystemUnderTest, graph: str, which: int, starts: in
     count = int(np.sum(formed != batch.NEVER))
     bound = lower_bound(count, len(gamma))
     return Result(len(gamma), count, 0, count == len(gamma),
-                   f'so the chance to form is above {bound:.4%} with 95 % confidence')
+                  f'so the chance to form is above {bound:.4%} with 95 % confidence')

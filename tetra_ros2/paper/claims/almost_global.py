@@ -40,7 +40,7 @@ def _inequality(system: SystemUnderTest) -> Result:
     least = float(np.min(values))
     off = np.max(np.abs(everything[values < 1e-3] - 0.5 * np.pi), initial=0.0)
     return Result('>= 0', least, 1e-12, least >= -1e-12 and off < 0.05,
-                   f'within {off:.2g} rad of (pi/2, ...) where below 1e-3')
+                  f'within {off:.2g} rad of (pi/2, ...) where below 1e-3')
 
 
 KKT_POINTS = {(0.0, *[2.0 * math.pi / 3.0] * 3): 1.25, (0.0, 0.0, math.pi, math.pi): 4.0,

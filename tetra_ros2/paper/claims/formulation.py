@@ -23,7 +23,7 @@ def _theta_star(_system: SystemUnderTest) -> Result:
     crossing = float(np.interp(
         0.0, determinant[root[0]:root[0] + 2], c[root[0]:root[0] + 2])) if len(root) else math.nan
     return Result(THIRD, crossing, 1e-7, len(root) == 1 and abs(crossing - THIRD) < 1e-7,
-                   f'{len(root)} sign change of the determinant')
+                  f'{len(root)} sign change of the determinant')
 
 
 @claim('intrinsic', 'Rmk:PF:Control', 'the control only takes relative information',

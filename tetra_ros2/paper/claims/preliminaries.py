@@ -78,7 +78,7 @@ def _simultaneous(system: SystemUnderTest) -> Result:
                 left = max(left, np.max(np.abs(turned - np.diag(np.diag(turned)))))
             worst, least = (max(worst, left), least) if commutes else (worst, min(least, left))
     return Result(0.0, worst, 1e-6, worst < 1e-6 and least > 1e-3,
-                   f'not commuting: {least:.2g} is left off the diagonal at least')
+                  f'not commuting: {least:.2g} is left off the diagonal at least')
 
 
 @claim('exchange-commutes', 'Thm:PR:AJCommutative',

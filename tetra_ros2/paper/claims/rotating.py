@@ -75,7 +75,7 @@ def _hurwitz(system: SystemUnderTest, which: int) -> Result:
     agreement = same_spectrum(found, stability.rotating_spectrum(gain))
     worst = float(np.max(found.real))
     return Result('< 0', worst, 0.0, worst < 0.0 and agreement.passed,
-                   f'1/s; {agreement.measured:.1g} relative from the closed form')
+                  f'1/s; {agreement.measured:.1g} relative from the closed form')
 
 
 claim('hurwitz-f1', 'thm:RF:LocalStable', 'the xi_s dynamics are Hurwitz; f1',
@@ -174,4 +174,4 @@ def _sense(system: SystemUnderTest) -> Result:
         if len(seen) == 2:
             break
     return Result(0, wrong, 0, wrong == 0 and len(seen) == 2,
-                   f'{len(seen)} chiralities seen in {seed + 1} runs')
+                  f'{len(seen)} chiralities seen in {seed + 1} runs')

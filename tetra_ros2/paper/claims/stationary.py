@@ -31,7 +31,7 @@ class _Square:
         self.coefficients = coefficients / np.max(np.abs(values))
 
     def f(self, theta: ArrayLike) -> np.ndarray:
-        """Return f(theta), at most 1: the square of a polynomial, which has zeros."""
+        """Return f at theta, at most 1: the square of a polynomial, which has zeros."""
         x = np.asarray(theta) * (2.0 / math.pi) - 1.0
         return np.polynomial.chebyshev.chebval(x, self.coefficients) ** 2
 
@@ -115,7 +115,7 @@ def _assumption(system: SystemUnderTest) -> Result:
     found = [gains.violation(gain, 10001) for gain in system.gains]
     broken = [text for text in found if text]
     return Result('holds', 'holds' if not broken else 'violated', '-', not broken,
-                   '; '.join(broken))
+                  '; '.join(broken))
 
 
 @claim('assumption-any-a', 'Section 4.3, after As:SFG:f',
