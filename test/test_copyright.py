@@ -16,6 +16,12 @@ OURS = ('tetra_ros2', 'benchmarks', 'docs', 'examples', 'launch', 'scripts', 'te
 @pytest.mark.copyright
 def test_ament_copyright_finds_no_fault(monkeypatch):
     linter = pytest.importorskip('ament_copyright.main', reason='it comes with ROS 2 from apt')
+    from ament_copyright import parser
+    from ament_copyright.licenses import apache2
+    # It knows the licence by the thirteen lines of its appendix only; here two do, as SPDX has it.
+    ours = apache2._replace(file_headers=['{copyright}\nSPDX-License-Identifier: Apache-2.0'])
+    for module in (linter, parser):
+        monkeypatch.setattr(module, 'get_licenses', lambda: {'apache2': ours})
     monkeypatch.chdir(TOP)
     assert linter.main(argv=['setup.py', *(part for part in OURS if Path(part).exists())]) == 0
 
