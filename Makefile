@@ -9,7 +9,7 @@ TETRA := $(CLEAN) $(VENV)/bin/tetra
 # Editable, so that a change needs no new installation; with pip's progress, as it takes a while.
 INSTALL = $(CLEAN) $(VENV)/bin/python -m pip install --disable-pip-version-check -e
 
-.PHONY: help demo test quick browser verify bench chaos soak lint clean pictures
+.PHONY: help demo test quick browser verify bench chaos soak docs lint clean pictures
 
 help:  ## say what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
@@ -40,6 +40,10 @@ verify: $(VENV)/.test  ## check every claim of the paper
 
 pictures: $(VENV)/.test browser  ## make the pictures of docs/ anew
 	@$(CLEAN) $(VENV)/bin/python docs/pictures.py $(PICTURES)
+
+docs: $(VENV)/.test  ## build the documentation into build/docs
+	@$(CLEAN) $(VENV)/bin/sphinx-build -q -W --keep-going -d build/doctrees docs build/docs
+	@echo "open build/docs/index.html"
 
 bench: $(VENV)/.bench  ## measure it against what there is to compare with
 	@$(CLEAN) $(VENV)/bin/python -m benchmarks $(BENCH_ARGS)

@@ -26,7 +26,7 @@ myst_heading_anchors = 3
 # No formula needs a script from elsewhere: MathML is drawn by the browser itself.
 html_theme = 'furo'
 html_title = f'tetra_ros2 {release}'
-html_extra_path = ['_extra'] if (TOP / 'docs' / '_extra').is_dir() else []
+html_extra_path = ['formation.html']
 exclude_patterns = ['_build']
 
 autodoc_member_order = 'bysource'
@@ -35,7 +35,8 @@ autodoc_typehints_description_target = 'documented'
 # Whoever builds the documentation need not have ROS.
 autodoc_mock_imports = [
     'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'rclpy',
-    'rosgraph_msgs', 'rosidl_runtime_py', 'std_msgs', 'std_srvs', 'visualization_msgs']
+    'rosgraph_msgs', 'rosidl_runtime_py', 'sensor_msgs', 'std_msgs', 'std_srvs',
+    'visualization_msgs']
 
 # The documentation must build where only the package registries can be reached.
 linkcheck_ignore = ['https?://.*']

@@ -12,6 +12,8 @@ one executor spins them all::
         print(formation.summary().measured.rate)
 """
 
+from __future__ import annotations  # rclpy may be a stand-in, where the documentation is built
+
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -141,7 +143,7 @@ class Launcher:
                 raise ConfigurationError('there is no such parameter', key=key)
         return overrides
 
-    def __enter__(self) -> 'Launcher':
+    def __enter__(self) -> Launcher:
         """Start all nodes, and begin when they have found each other."""
         try:
             self._start()
