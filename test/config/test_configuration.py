@@ -33,6 +33,7 @@ from tetra_ros2.config.parameters import (
 )
 from tetra_ros2.config.share import share_directory
 from tetra_ros2.formation import gain as gains
+from tetra_ros2.formation import shapes, stability, targets
 from tetra_ros2.formation import topology as topologies
 
 SHIPPED = sorted(path.stem for path in (share_directory() / 'config').glob('*.yaml'))
@@ -243,6 +244,30 @@ WRONG = [
     ('topology.kind: complet',
      ['topology.kind', "'complet'", "did you mean 'complete'?", 'custom']),
     ('gain.kind: cosinus', ['gain.kind', "'cosinus'", "did you mean 'cosine'?", 'exponential']),
+    ('topology: {kind: polyhedron, polyhedron: octohedron}',
+     ['topology.polyhedron', "'octohedron'", "did you mean 'octahedron'?", 'dodecahedron']),
+    ('topology: {kind: polyhedron, axis: "0 0 0"}', ['topology.axis', "'0 0 0'", 'not zero']),
+    ('topology: {kind: polyhedron, axis: "nan 0 1"}', ['topology.axis', 'must be finite']),
+    ('topology: {kind: polyhedron, axis: [0, 0, 1]}',
+     ['topology.axis', '[0, 0, 1] is not valid', 'three numbers in quotes']),
+    ('topology: {kind: polyhedron, axis: vertx}', ['topology.axis', "did you mean 'vertex'?"]),
+    ('topology: {kind: polyhedron, spin: 1.5}', ['topology.spin', '1.5', 'from -1 to 1']),
+    ('topology: {kind: polyhedron, polyhedron: cube, n: 4}',
+     ['topology.n', '4 is not valid', 'the cube needs 8']),
+    ('topology: {kind: polyhedron, polyhedron: cube, class_weights: [1.0, 2.0]}',
+     ['topology.class_weights', '2 weights', '3 classes']),
+    ('topology: {kind: polyhedron, polyhedron: cube, class_weights: [0.0, 0.0, 0.0]}',
+     ['topology.class_weights', 'at least one class']),
+    ('topology: {spin: 0.5}', ['topology.spin', 'a complete topology has no spin']),
+    ('topology: {kind: rotating, class_weights: [1.0]}', ['topology.class_weights', 'rotating']),
+    ('topology: {kind: ring, n: 1}', ['topology.n', '1 is not valid', 'from 2']),
+    ('topology: {points: [1.0, 0.0, 0.0]}', ['topology.points', 'its own shape']),
+    ('topology: {kind: custom, n: 2, edges: ["1 2"], points: [1.0, 0.0]}',
+     ['topology.points', '2 numbers', '3 for each']),
+    ('topology: {kind: custom, n: 2, edges: ["1 2"], points: [1.0, 0.0, 0.0]}',
+     ['topology.points', '3 numbers', '6 for 2 agents']),
+    ('topology: {kind: custom, n: 2, edges: ["1 2"], points: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]}',
+     ['topology.points', 'agent 2', 'not zero']),
     ('topology: {kind: rotating, k: 5}', ['topology.k', '5 is not valid', 'from 1 to 4']),
     ('topology: {kind: rotating, k: 0}', ['topology.k', '0 is not valid', 'from 1 to 4']),
     ('topology: {kind: rotating, p: 2}', ['topology.p', '2 is not valid', 'from 0 to 1']),
@@ -605,3 +630,32 @@ def test_a_seed_is_what_an_integer_parameter_can_hold(seed, accepted):
     else:
         with pytest.raises(ConfigurationError, match='seed'):
             check_parameters('plant', {'seed': seed})
+
+
+@pytest.mark.parametrize('name, n, spins', [
+    ('octahedron', 6, False), ('cube', 8, False), ('icosahedron', 12, False),
+    ('dodecahedron', 20, False), ('spinning_octahedron', 6, True), ('spinning_cube', 8, True),
+    ('spinning_icosahedron', 12, True), ('spinning_dodecahedron', 20, True), ('ring', 5, True)])
+def test_the_shipped_solids_are_stable_formations_that_spin_or_not(name, n, spins):
+    formation = configuration.load(name).formation()
+    assert formation.n == n
+    assert shapes.reservation(formation.topology, formation.gain) is None
+    there = stability.transverse(
+        formation.shape.points, formation.topology.weights, formation.gain)
+    assert there.residual < 1e-12
+    assert there.is_hyperbolic
+    assert there.spins is spins
+
+
+@pytest.mark.parametrize('kind', ['octahedron', 'cube'])
+def test_the_cosine_gain_is_warned_of_where_it_leads_to_a_continuum(kind):
+    topology = targets.polyhedron(kind)
+    assert 'it is one of a continuum' in shapes.reservation(topology, gains.Cosine())
+    assert shapes.reservation(topology, gains.Exponential()) is None
+
+
+@pytest.mark.parametrize('text', ['0.3 -0.5 0.8', '[0.3, -0.5, 0.8]', '0.6, -1.0, 1.6'])
+def test_an_axis_of_three_numbers_may_be_written_in_these_ways(write, text):
+    axis = ParameterFile(write(everywhere(
+        f'topology: {{kind: polyhedron, axis: "{text}", spin: 0.5}}'))).formation().topology.axis
+    assert np.allclose(axis, np.array([0.3, -0.5, 0.8]) / np.sqrt(0.98))
