@@ -5,6 +5,7 @@
 
 import math
 import re
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped
@@ -55,8 +56,14 @@ def test_a_serial_gimbal_forms_with_simulated_bodies_is_held_when_unplugged_and_
                    '--ros-args', '-p', 'external_bodies:=[4]', '-p', 'seed:=3')
     probe.wait_for(lambda: error(probe) < 5e-3, 'a tetrahedron')
     bus.unplug()
+    unplugged_at = time.monotonic()
     probe.wait_for_health('/body_4', lambda s: 'the body is lost' in s.message, 'loss')
     probe.wait_for_health('/plant', lambda s: 'agent_4: no recent pose' in s.message, 'lost pose')
+    probe.wait_for(lambda: time.monotonic() - unplugged_at > 5.0, 'five seconds')
+    held = probe.reduced_attitudes()
+    seen = len(probe.received['formation/attitudes'])
+    probe.wait_for(lambda: len(probe.received['formation/attitudes']) > seen + 50, 'states')
+    assert np.array_equal(probe.reduced_attitudes(), held)  # who does not know where it is, rests
     bus.servos[1].position += 0.5  # somebody has moved it meanwhile
     bus.plug()
     probe.wait_for_health('/body_4', lambda s: s.message == 'turning as commanded', 'return')

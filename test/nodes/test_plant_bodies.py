@@ -95,7 +95,7 @@ def test_bodies_are_shown_as_they_look_where_they_point_and_looking_changes_noth
     box = next(m for m in markers if m.ns == 'body_2' and (m.id == 0) == (body == 'wheels')
                and m.type == Marker.CUBE)
     place = np.array([box.pose.position.x, box.pose.position.y, box.pose.position.z])
-    assert np.linalg.norm(place) == pytest.approx(1.3, abs=0.2)
+    assert np.linalg.norm(place) == pytest.approx(1.25, abs=0.15)
 
 
 def test_the_emergency_stop_holds_all_bodies_until_it_is_released(probe):

@@ -15,11 +15,11 @@ from tetra_ros2.ros import qos
 from tetra_ros2.ros.markers import color_message, PERIOD, set_lifetime
 from tetra_ros2.wire import names
 
-DISTANCE = 1.3
+DISTANCE = 1.25
 """How far from the centre of the sphere a body is shown, along where it points."""
 
-SCALE = 1.4
-"""How much larger than it is [1/m]: the sphere has the radius 1."""
+SCALE = 1.0
+"""How large a metre is shown: the sphere has the radius 1."""
 
 _TYPES = {'box': Marker.CUBE, 'cylinder': Marker.CYLINDER, 'sphere': Marker.SPHERE}
 
