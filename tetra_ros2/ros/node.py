@@ -11,6 +11,7 @@ from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.qos import QoSPolicyKind, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from tetra_ros2.ros.diagnostics import Health
@@ -59,11 +60,31 @@ class FormationNode(Node):
             itself, which is quicker
         :returns: the subscription
         """
-        self.inputs.append(self.create_subscription(
-            message_type, topic, self._guard(callback) if guarded else callback, copy(profile),
-            raw=True, event_callbacks=self._events(topic, 'publishers'),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies()))
-        return self.inputs[-1]
+        receive = self._guard(callback) if guarded else callback
+        options = {'raw': True, 'qos_overriding_options':
+                   QoSOverridingOptions.with_default_policies()}
+        subscription = self.create_subscription(
+            message_type, topic, receive, copy(profile), event_callbacks=self._events(
+                topic, 'publishers', lambda: self._relax(subscription)), **options)
+        self.inputs.append(subscription)
+        return subscription
+
+    def _relax(self, subscription):
+        """
+        Subscribe with best effort, which goes with every publisher, in the place of reliably.
+
+        Drivers of sensors offer best effort.
+        """
+        if subscription not in self.inputs or subscription in self._queued:
+            return
+        topic = subscription.topic_name
+        profile = copy(subscription.qos_profile)
+        profile.reliability = ReliabilityPolicy.BEST_EFFORT
+        self.inputs[self.inputs.index(subscription)] = self.create_subscription(
+            subscription.msg_type, topic, subscription.callback, profile, raw=True,
+            event_callbacks=self._events(topic, 'publishers'))
+        self.destroy_subscription(subscription)
+        self.get_logger().info(f'{topic}: taken with best effort, as its publisher offers no more')
 
     def _guard(self, callback):
         """Return a callback that survives whatever it raises, and has it counted."""
@@ -79,14 +100,26 @@ class FormationNode(Node):
                 return arguments[-1] if len(arguments) == 2 else None  # a service's response
         return guarded
 
-    def _events(self, topic, who):
-        """Return what names quality of service that does not fit for what it is."""
+    def _events(self, topic, who, relax=None):
+        """
+        Return what names quality of service that does not fit for what it is.
+
+        :param who: who else is on the topic: ``publishers`` or ``subscribers``
+        :param relax: called, soon, if it is only their reliability that does not do, and the user
+            has not asked for it
+        """
+        name = self.resolve_topic_name(topic)
+        asked = f'qos_overrides.{name}.subscription.reliability' in self._parameter_overrides
+
         def on_incompatible(event):
             policy = event.last_policy_kind
-            policy = getattr(policy, 'name', policy)
+            if relax is not None and policy == QoSPolicyKind.RELIABILITY and not asked:
+                # Not now: what has the event is what is to be destroyed.
+                timer = self.create_steady_timer(0.0, lambda: (self.destroy_timer(timer), relax()))
+                return
             self.get_logger().warning(
-                f'{self.resolve_topic_name(topic)}: {event.total_count} {who} have a quality of '
-                f'service that does not fit, the last in its {str(policy).lower()}')
+                f'{name}: {event.total_count} {who} have a quality of service that does not fit, '
+                f'the last in its {QoSPolicyKind(policy).name.lower()}')
         if who == 'publishers':
             return SubscriptionEventCallbacks(incompatible_qos=on_incompatible)
         return PublisherEventCallbacks(incompatible_qos=on_incompatible)
