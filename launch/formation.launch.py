@@ -50,9 +50,12 @@ def start(context):
     if changes:
         # They come before what the file gives to a node of this name only if it is said.
         plant.update(name='plant', parameters=[str(file.path), changes])
+    monitor = dict(common)
+    if rviz:
+        monitor.update(name='monitor', parameters=[str(file.path), {'publish_tf': True}])
     nodes = [
         Node(executable='plant', on_exit=Shutdown(reason='the plant has ended'), **plant),
-        Node(executable='monitor', **common),
+        Node(executable='monitor', **monitor),
     ]
     nodes += [Node(executable='agent', arguments=['--id', str(i)], **common)
               for i in range(1, file.formation().topology.n + 1)]

@@ -3,14 +3,23 @@
 
 """The command line as a person meets it: what it prints, what it refuses, how it ends."""
 
+import itertools
 import json
 import os
 from pathlib import Path
+import re
+import shlex
+import signal
 import subprocess
 import sys
+import time
 
+from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
 from harness import DEADLINE, interrupt, run
 import pytest
+
+from tetra_ros2.commands import COMMANDS, EXAMPLES
+from tetra_ros2.commands._parser import make_parser
 
 ABOVE = '/**:\n  ros__parameters:\n    '
 
@@ -163,15 +172,98 @@ def test_ctrl_c_ends_the_launcher_with_a_summary(processes, probe):
     assert 'Traceback' not in output
 
 
-def test_the_modules_are_found_without_ros(tmp_path):
-    """Without rclpy every command says what to install; ``-S`` and a path make it so."""
+@pytest.mark.parametrize('command', [
+    ['launcher'], ['agent', '--id', '1'], ['plant'], ['monitor'], ['recorder']])
+def test_without_ros_every_node_says_what_to_install(tmp_path, command):
+    """Without rclpy and messages every command says what to install."""
     top = Path(__file__).resolve().parents[2]
-    blocker = tmp_path / 'rclpy.py'
-    blocker.write_text("raise ModuleNotFoundError('No module named rclpy', name='rclpy')\n")
+    for name in ('rclpy', 'geometry_msgs', 'std_msgs', 'diagnostic_msgs', 'builtin_interfaces'):
+        (tmp_path / f'{name}.py').write_text(
+            f"raise ModuleNotFoundError('No module named {name}', name='{name}')\n")
     environment = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{top}'}
     done = subprocess.run(
-        [sys.executable, '-m', 'tetra_ros2', 'launcher'], env=environment, text=True,
+        [sys.executable, '-m', 'tetra_ros2', *command], env=environment, text=True,
         capture_output=True, timeout=DEADLINE, check=False)
     assert done.returncode == 2
-    assert 'rclpy is not installed' in done.stderr
+    assert ' is not installed: source a ROS 2 installation' in done.stderr
+    assert f"pip install -e '{top}[ros]'" in done.stderr
     assert 'Traceback' not in done.stderr
+
+
+def test_the_version_is_said_with_the_place():
+    status, output, _ = run('--version')
+    assert status == 0
+    top = Path(__file__).resolve().parents[2]
+    assert output.startswith('tetra_ros2 ')
+    assert str(top) in output
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_help_ends_with_calls_that_the_parser_takes(command):
+    for line in EXAMPLES[command]:
+        words = shlex.split(line, comments=True)
+        if words[0] == 'eval':  # the call is in the shell's own hands
+            words = shlex.split(words[1].strip('$()'))
+        words = list(itertools.takewhile(lambda word: word not in ('>', '--ros-args'), words))
+        assert words[:2] == ['tetra', command]
+        assert make_parser(command).parse_args(words[1:]).command == command
+    status, output, errors = run(command, '--help')
+    assert status == 0, errors
+    assert EXAMPLES[command][0] in output
+
+
+@pytest.mark.parametrize('domain', ['300', '-1', 'abc'])
+@pytest.mark.parametrize('command', [['launcher'], ['agent', '--id', '1']])
+def test_a_domain_that_there_is_not_is_refused_in_one_line(monkeypatch, domain, command):
+    monkeypatch.setenv('ROS_DOMAIN_ID', domain)
+    status, _, errors = run(*command)
+    assert status == 2
+    assert errors == f"tetra: error: ROS_DOMAIN_ID: '{domain}' is not valid, expected an " \
+                     'integer from 0 to 232\n'
+
+
+def test_a_reader_that_has_read_enough_is_no_error():
+    done = subprocess.run(
+        f'{sys.executable} -m tetra_ros2 verify --list | head -1', shell=True,
+        capture_output=True, text=True, check=True, timeout=DEADLINE)
+    assert done.stdout
+    assert not done.stderr
+
+
+def test_ctrl_c_before_the_first_state_ends_the_launcher_without_a_traceback(processes, probe):
+    """Somebody else's plant is there and never says anything."""
+    for i, j in itertools.permutations(range(1, 5), 2):
+        probe.node.create_publisher(Vector3Stamped, f'agent_{i}/relative_attitude/agent_{j}', 1)
+    for i in range(1, 5):
+        probe.node.create_subscription(TwistStamped, f'agent_{i}/cmd_vel', lambda _: None, 1)
+    probe.node.create_publisher(PoseArray, 'formation/attitudes', 1)
+    launcher = processes.tetra('launcher', '--without', 'plant')
+    probe.wait_for(lambda: probe.node.count_subscribers('formation/attitudes'), 'the monitor')
+    status, output = interrupt(launcher)
+    assert status == 130, output
+    assert 'Traceback' not in output
+
+
+@pytest.mark.parametrize('moment', [0.1, 0.3, 0.6, 1.0, 2.0])
+@pytest.mark.parametrize('command', [['agent', '--id', '1'], ['launcher', '--duration', '1e6']])
+def test_a_signal_at_any_moment_of_the_start_leaves_no_traceback_of_ours(
+        processes, command, moment):
+    process = processes.tetra(*command)
+    time.sleep(moment)  # what is tested is the moment, whatever may be going on in it
+    status, output = interrupt(process)
+    assert 'tetra_ros2/' not in '\n'.join(re.findall('File ".*', output)), output
+    if 'Traceback' not in output:  # of Python itself, before it has read a line of this package
+        assert status == (130 if command[0] == 'launcher' else 0) or status == -signal.SIGINT
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('command', [['agent', '--id', '1'], ['launcher', '--duration', '1e6']])
+def test_any_number_of_signals_does_no_harm(processes, probe, command, number):
+    process = processes.tetra(*command)
+    probe.wait_for(lambda: 'agent_1' in probe.node.get_node_names(), 'the node')
+    for _ in range(20):
+        process.send_signal(number)
+        time.sleep(0.01)  # as fast as anybody can
+    output, _ = process.communicate(timeout=DEADLINE)
+    assert process.returncode in ((130, 1) if command[0] == 'launcher' else (0,)), output
+    assert 'Traceback' not in output

@@ -41,7 +41,7 @@ def add_arguments(parser):
     parser.add_argument(
         '--gain', metavar='KIND',
         help='family of gains (default: several are tried, and the first is kept under which '
-             f'{ENOUGH:.0%} of random starts form)')
+             f'{ENOUGH:.0%}% of random starts form)')
     parser.add_argument(
         '--gain-b', type=float, metavar='B', help='its shape b (default: 1)')
     parser.add_argument(

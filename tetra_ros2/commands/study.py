@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 import sys
 
-from tetra_ros2 import signals
+from tetra_ros2 import installation, signals
 
 # The rest is imported where it is needed: ``--help`` does not wait for numpy and rich.
 
@@ -140,7 +140,7 @@ def _format(arguments):
     except ModuleNotFoundError:
         if arguments.format == 'parquet':
             raise ConfigurationError(
-                "parquet needs pyarrow: pip install 'tetra_ros2[study]', or say csv",
+                f'parquet needs pyarrow: {installation.install_command("study")}; or say csv',
                 key='--format') from None
         return 'csv'
     return arguments.format or 'parquet'

@@ -361,6 +361,8 @@ MONITOR = FORMATION + (
     Parameter(
         'tolerance', 1e-3, 'A formation whose error stays below this has formed [rad].',
         minimum=1e-15, maximum=math.pi, dynamic=True),
+    Parameter(
+        'publish_tf', False, 'Publish the body frames on /tf, while somebody listens.'),
 )
 
 RECORDER = (

@@ -20,6 +20,7 @@ from tetra_ros2.formation.observer import Observer
 from tetra_ros2.ros import diagnostics, executor, parameters, qos
 from tetra_ros2.ros.markers import Markers
 from tetra_ros2.ros.node import FormationNode, raw_publish
+from tetra_ros2.ros.tf import Transforms
 from tetra_ros2.wire import cdr, names
 
 HOLD = 500_000_000
@@ -54,6 +55,7 @@ class Monitor(FormationNode):
             self._send_error = raw_publish(self.offer(Float64, names.ERROR, qos.STATE))
             self._encode_error = cdr.trailing_numbers(serialize_message(Float64()), 1)
         self._markers = Markers(self, self._look)
+        self._transforms = Transforms(self, self._poses) if values['publish_tf'] else None
         self.report_health()
         if reservation := shapes.reservation(formation.topology, formation.gain):
             self.get_logger().warning(reservation)
@@ -75,6 +77,12 @@ class Monitor(FormationNode):
         """Return the stamp and the reduced attitudes of the last state, or None."""
         observer = self.observer
         return (observer.stamp, observer.reduced_attitudes) if observer.count else None
+
+    def _poses(self):
+        """Return stamp, attitudes and reduced attitudes of the last state, or None."""
+        observer = self.observer
+        return (observer.stamp, observer.attitudes, observer.reduced_attitudes) \
+            if observer.count else None
 
     def _make_observer(self, tolerance):
         return Observer(self.formation.topology, tolerance, self._fastest())

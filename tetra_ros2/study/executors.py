@@ -10,6 +10,7 @@ from multiprocessing import get_context
 import os
 import signal
 
+from tetra_ros2 import installation
 from tetra_ros2.config.parameters import ConfigurationError
 
 ANSWER_TIMEOUT = 10.0
@@ -39,7 +40,7 @@ def make_executor(workers: int | None, scheduler: str | None) -> Iterator[tuple[
         from distributed import Client  # it is optional
     except ModuleNotFoundError:
         raise ConfigurationError(
-            "a Dask cluster needs distributed: pip install 'tetra_ros2[cluster]'",
+            f'a Dask cluster needs distributed: {installation.install_command("cluster")}',
             key='--scheduler') from None
     try:
         client = Client(scheduler, timeout=ANSWER_TIMEOUT, set_as_default=False)
