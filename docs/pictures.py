@@ -121,8 +121,11 @@ def _server(*arguments):
         [sys.executable, '-m', 'tetra_ros2', *map(str, arguments), '--port', '0'],
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
-        yield next(found[1] for line in process.stdout
-                   if (found := re.search(r'open (\S+) in a browser', line)))
+        addresses = (re.search(r'open (\S+) in a browser', line) for line in process.stdout)
+        found = next(filter(None, addresses), None)
+        if found is None:
+            raise RuntimeError(f'{arguments[0]} ended with status {process.wait()}')
+        yield found[1]
     finally:
         process.terminate()
         process.communicate(timeout=30)

@@ -57,6 +57,17 @@ def test_the_measured_decay_is_that_of_the_sampled_loop(graph, h, a, seed):
         theory.sampled_rates[1], rel=0.03)
 
 
+def test_a_hole_in_the_samples_does_not_spoil_the_measurement():
+    theory = Theory(4, GRAPHS['rotating'], gains.Cosine(), 0.01)
+    times, gamma = run('rotating', gains.Cosine(), 0.01, 2000)
+    kept = np.arange(0, 2000, 5)
+    whole = theory.decay_rate(times[kept], gamma[kept])
+    for begin, end in ((5.5, 6.5), (6.0, 7.5), (12.0, 14.0)):
+        seen = kept[(times[kept] < begin) | (times[kept] > end)]
+        measured = theory.decay_rate(times[seen], gamma[seen])
+        assert measured is None or measured == pytest.approx(whole, rel=0.02)
+
+
 def test_the_sampled_prediction_is_that_of_the_mathematics_in_either_chirality():
     theory = Theory(4, GRAPHS['rotating'], gains.Cosine(), 0.01)
     for sign in (1.0, -1.0):

@@ -73,11 +73,11 @@ def wait_for_server(port):
             time.sleep(0.05)
 
 
-def until(page, condition, what):
+def until(page, condition, what, timeout=DEADLINE):
     """Let a page live until a condition holds, and return what it returned."""
-    deadline = time.monotonic() + DEADLINE
+    deadline = time.monotonic() + timeout
     while not (result := condition()):
-        assert time.monotonic() < deadline, f'{what}: not within {DEADLINE} s; {status(page)}'
+        assert time.monotonic() < deadline, f'{what}: not within {timeout} s; {status(page)}'
         page.wait_for_timeout(50)
     return result
 

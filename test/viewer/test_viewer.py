@@ -31,6 +31,7 @@ from rcl_interfaces.srv import GetParameters
 from tetra_ros2.drawing import colors
 from tetra_ros2.formation import topology
 from tetra_ros2.viewer.scene import MOST_AGENTS
+from tetra_ros2.wire import names
 
 SLOWLY = ('--ros-args', '-p', 'real_time_factor:=1.0')
 SIZES = {'usual': (1200, 800), 'small': (800, 600), 'phone': (390, 844)}
@@ -71,7 +72,7 @@ def probe():
     """Return a node of its own, the same for all tests in here."""
     with Probe('shared') as node:
         node.listen_to_attitudes()
-        node.listen(DiagnosticArray, 'diagnostics')
+        node.listen(DiagnosticArray, names.DIAGNOSTICS)
         yield node
 
 
@@ -158,8 +159,9 @@ def test_a_measured_decay_is_that_of_the_sampled_loop_and_not_of_an_old_gain(
     page = visit(formation)
     page.get_by_text('start anew').wait_for()
     page.get_by_role('button', name='Reset').click()
+    until(page, lambda: shown_time(page) < 2.0, 'a new start')
     decay = until(page, lambda: (now := rows(page).get('decay [1/s]')) and now[-1] not in ('—', '')
-                  and shown_time(page) > 9.0 and now, 'a decay')
+                  and shown_time(page) > 9.0 and now, 'a decay', 2 * DEADLINE)
     theory, sampled, measured = map(float, decay)
     assert theory == pytest.approx(1.522, abs=1e-3)
     assert measured == pytest.approx(sampled, rel=0.02)
@@ -229,12 +231,17 @@ def test_buttons_act_on_the_topics_and_a_second_browser_sees_the_same(formation,
 
 
 def test_nothing_on_diagnostics_disturbs_the_viewer(formation, visit, probe):
-    publisher = probe.node.create_publisher(DiagnosticArray, 'diagnostics', 10)
+    publisher = probe.node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, 10)
     probe.wait_for(lambda: publisher.get_subscription_count() > 1, 'the viewer')
     for message in (b'\0\1\0\0', b'', b'\0\1\0\0' + b'\xff' * 40, b'\1', b'x' * 5000):
         publisher.publish(message)
-    probe.wait_for_health('/shared/viewer', lambda h: any(
-        'malformed (diagnostics)' in key for key in values(h)), 'a count')
+    def counted():
+        return any(f'malformed ({names.DIAGNOSTICS})' in key
+                   for message in probe.received[names.DIAGNOSTICS][-40:]
+                   for health in message.status if health.name == '/shared/viewer'
+                   for key in values(health))
+
+    probe.wait_for(counted, 'a count')
     page = visit(formation)
     first = until(page, lambda: shown_time(page), 'a time')
     until(page, lambda: shown_time(page) > first + 0.5, 'time that passes')
@@ -295,7 +302,7 @@ def test_a_thousand_states_a_second_make_thirty_pictures(visit, processes, port)
 
 
 def test_a_recording_plays_and_its_slider_goes_anywhere(visit, processes, port, tmp_path):
-    bags.write(tmp_path / 'bag', 2000, topology.rotating())
+    bags.write(tmp_path / 'bag', 3000, topology.rotating(), repeat=3)
     viewer = processes.tetra('viewer', '--bag', tmp_path / 'bag', '--port', port)
     wait_for_server(port)
     page = visit(port)
@@ -316,7 +323,7 @@ def test_a_recording_plays_and_its_slider_goes_anywhere(visit, processes, port, 
     page.get_by_text('0.5774').wait_for()
     page.get_by_text('16', exact=True).click()
     page.get_by_role('button', name='Play').click()
-    until(page, lambda: shown_time(page) == pytest.approx(19.99, abs=0.01), 'the end')
+    until(page, lambda: shown_time(page) == pytest.approx(89.99, abs=0.01), 'the end')
     page.get_by_role('button', name='Play').wait_for()
     assert interrupt(viewer)[0] == 0
 

@@ -12,6 +12,10 @@ WORST_FIT = 0.05
 """Part of the deviation, a fortieth of the way on, that may stay unexplained in the mean."""
 
 
+LARGEST_GAP = 4.0
+"""Between two samples, in terms of what is usual: further apart, nobody knows what happened."""
+
+
 def decay_rate(gamma: ArrayLike, step: ArrayLike, limit: ArrayLike, *, largest: float = 1e-3,
                smallest: float = 1e-8) -> float:
     """
@@ -41,6 +45,10 @@ def decay_rate(gamma: ArrayLike, step: ArrayLike, limit: ArrayLike, *, largest: 
     first = int(above[-1]) + 1 if len(above) else 0
     below = np.flatnonzero(size[first:] < smallest)
     last = first + (int(below[0]) if len(below) else len(size) - first)
+    if last - first > 1:  # where many samples are missing, what comes before cannot be used
+        gaps = np.diff(times[first:last])
+        holes = np.flatnonzero(gaps > LARGEST_GAP * np.median(gaps))
+        first += int(holes[-1]) + 1 if len(holes) else 0
     count = last - first
     if count < 4 * modes or size[last - 1] > 0.1 * size[first]:
         return float('nan')
