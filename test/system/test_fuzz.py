@@ -225,7 +225,7 @@ PARAMETER_SERVICES = {
         ListParameters, {'prefixes': some_names, 'depth': st.integers(0, 2**64 - 1)})}
 PLANT_SERVICES = {
     'reset': (Trigger, {}), 'randomize': (Trigger, {}),
-    'pause': (SetBool, {'data': st.booleans()})}
+    'pause': (SetBool, {'data': st.booleans()}), 'stop': (SetBool, {'data': st.booleans()})}
 
 
 @pytest.mark.parametrize(('node_type', 'arguments'), [
