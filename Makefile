@@ -9,10 +9,10 @@ TETRA := $(CLEAN) $(VENV)/bin/tetra
 # Editable, so that a change needs no new installation; with pip's progress, as it takes a while.
 INSTALL = $(CLEAN) $(VENV)/bin/python -m pip install --disable-pip-version-check -e
 
-.PHONY: help demo test quick browser verify bench chaos soak docs lint clean pictures
+.PHONY: help demo test quick browser verify bench chaos power-cuts soak docs lint clean pictures
 
 help:  ## say what can be made
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
 	@echo; echo 'make PYTHON=python3.12 ... makes .venv with another Python than python3.'
 	@echo "make test PYTEST_ARGS='test/formation -k gain' runs a part of the tests."
 
@@ -50,6 +50,9 @@ bench: $(VENV)/.bench  ## measure it against what there is to compare with
 
 chaos: $(VENV)/.test  ## a thousand faults on running formations, several hosts (needs root)
 	@$(CLEAN) $(VENV)/bin/python -m benchmarks.chaos $(CHAOS_ARGS)
+
+power-cuts: $(VENV)/.test  ## kill each process of recorded formations, see what is lost
+	@$(CLEAN) $(VENV)/bin/python -m benchmarks.power_cuts $(POWER_CUTS_ARGS)
 
 soak: $(VENV)/.test  ## eight hours of a formation, and what it takes of the machine
 	@$(CLEAN) $(VENV)/bin/python -m benchmarks.soak $(SOAK_ARGS)

@@ -1,0 +1,346 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Kill the processes of a formation that is recorded, and look what is on the disk.
+
+A formation runs at the pace of the clock, in one process or in one for each node. At a random
+moment one of its processes, or the recorder together with the process that writes, is killed with
+SIGKILL. Then the bag, after ``tetra recover`` where it is torn, must hold every message that came
+more than a second before: no fewer on any topic than the recorder had told in its diagnostics by
+then, none missing in between, and the last state no older than a second against what somebody who
+listens had heard.
+"""
+
+import argparse
+from collections import Counter, defaultdict
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+import fcntl
+from itertools import pairwise
+import os
+from pathlib import Path
+import random
+import shutil
+import signal
+import statistics
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rosbags.rosbag2 import Reader
+
+from tetra_ros2.recording import recover
+
+PROMISE = 1.0
+"""How old a message may be that is lost [s]."""
+
+RATE = 100
+"""Steps per second of the formation [Hz]."""
+
+DEADLINE = 30.0
+"""How long anything else may take [s]."""
+
+GAP = 10
+"""
+How many steps may be missing in the middle of a topic.
+
+Its writer keeps but the last message, so that one may be overwritten before a busy machine sends
+it; what the process that writes would lose is some forty steps.
+"""
+
+STORAGES = ('mcap', 'sqlite3')
+VICTIMS = {
+    'launcher': ('launcher', 'writer', 'both'),
+    'nodes': ('plant', 'agent', 'monitor', 'recorder', 'writer', 'both'),
+}
+"""What is killed, by layout; ``both``: who records and the process that writes."""
+
+_STAMPED = {'geometry_msgs/msg/PoseArray', 'geometry_msgs/msg/TwistStamped',
+            'geometry_msgs/msg/Vector3Stamped'}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    What came of one kill.
+
+    :param torn: whether it had to be recovered
+    :param lost: how old the oldest message was that is not there [s], 0 if all are
+    :param problem: what is wrong with the bag, a text, or None
+    """
+
+    torn: bool
+    lost: float
+    problem: str | None
+
+
+class Listener:
+    """Somebody who hears the states of a formation, and when; in a thread of its own."""
+
+    def __init__(self, domain):
+        self.context = Context()
+        self.context.init(domain_id=domain)
+        node = Node('listener', context=self.context)
+        node.create_subscription(PoseArray, 'formation/attitudes', self._hear, 1000, raw=True)
+        node.create_subscription(DiagnosticArray, 'diagnostics', self._note, 1000)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(node)
+        self._ending = False
+        self.heard = []  # stamp [ns], when it came [s]
+        self.counts = []  # by topic, how many messages the recorder had, and when it said so [s]
+        self._thread = threading.Thread(target=self._listen)
+        self._thread.start()
+
+    def _hear(self, message):
+        self.heard.append((_stamp(message), time.monotonic()))
+
+    def _note(self, message):
+        for status in message.status:
+            if status.name == '/recorder':
+                self.counts.append((
+                    {item.key.removeprefix('messages on '): int(item.value)
+                     for item in status.values if item.key.startswith('messages on ')},
+                    time.monotonic()))
+
+    def _listen(self):
+        while not self._ending:
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def close(self):
+        """Listen no more."""
+        self._ending = True
+        self._thread.join()
+        self.context.try_shutdown()
+
+
+class Formation:
+    """The processes of one formation in a domain of its own, and trials on them."""
+
+    def __init__(self, domain, directory):
+        self.environment = {
+            **os.environ, 'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        self.directory = directory
+        self.listener = Listener(domain)
+        self.processes = {}
+
+    def start(self, name, *arguments):
+        """Start ``tetra X`` under a name."""
+        with (self.directory / f'{name}.log').open('a') as log:
+            self.processes[name] = subprocess.Popen(
+                [sys.executable, '-m', 'tetra_ros2', *map(str, arguments)], env=self.environment,
+                stdout=log, stderr=log)
+
+    def start_node(self, name):
+        """Start one of the nodes of a formation unless it runs."""
+        if name in self.processes and self.processes[name].poll() is None:
+            return
+        common = ('--config', 'complete')
+        if name == 'plant':
+            self.start(name, 'plant', *common, '--ros-args', '-p', 'real_time_factor:=1.0')
+        elif name == 'monitor':
+            self.start(name, 'monitor', *common)
+        else:
+            self.start(name, 'agent', '--id', name[-1], *common)
+
+    def close(self):
+        """End everything."""
+        for process in self.processes.values():
+            process.kill()
+        for process in self.processes.values():
+            process.wait()
+        self.listener.close()
+
+    def trial(self, layout, victim, storage, delay, path):
+        """
+        Record, kill, and look.
+
+        :param delay: how long to record before [s]
+        :param path: of the bag to make
+        """
+        if layout == 'launcher':
+            recorder = 'launcher'
+            self.start(recorder, 'launcher', '--duration', '1e6', '--quiet', '--record', path,
+                       '--storage', storage, '--ros-args', '-p', 'real_time_factor:=1.0')
+        else:
+            recorder = 'recorder'
+            for name in ('plant', 'monitor', *(f'agent_{i}' for i in range(1, 5))):
+                self.start_node(name)
+            self.start(recorder, 'recorder', '--output', path, '--storage', storage)
+        self.listener.heard.clear()
+        self.listener.counts.clear()
+        _wait(lambda: self.listener.counts and sum(self.listener.counts[-1][0].values()) > RATE
+              and len(self.listener.heard) > RATE // 4, 'the recording')
+        time.sleep(delay)  # a moment at random is what this is about
+        writer = _writer_of(self.processes[recorder].pid)
+        pids = {'writer': [writer], 'both': [writer, self.processes[recorder].pid]}.get(victim)
+        if pids is None:
+            name = 'agent_2' if victim == 'agent' else victim
+            pids = [self.processes[name].pid]
+        for pid in pids:
+            os.kill(pid, signal.SIGKILL)
+        killed = time.monotonic()
+        heard = [(stamp, at) for stamp, at in list(self.listener.heard) if at <= killed]
+        told = [counts for counts, at in list(self.listener.counts) if at <= killed - PROMISE]
+        if victim not in (recorder, 'both'):
+            self.processes[recorder].send_signal(signal.SIGINT)
+        self.processes[recorder].wait(timeout=DEADLINE)
+        _wait(lambda: not Path(f'/proc/{writer}').exists(), 'the end of the process that writes')
+        return _look(path, heard, told[-1] if told else {}, killed)
+
+
+def _stamp(message):
+    seconds, nanoseconds = struct.unpack_from('<iI', message, 4)
+    return seconds * 10**9 + nanoseconds
+
+
+def _wait(condition, what):
+    deadline = time.monotonic() + DEADLINE
+    while not condition():
+        if time.monotonic() > deadline:
+            raise TimeoutError(f'{what}: not within {DEADLINE:g} s')
+        time.sleep(0.02)
+
+
+def _writer_of(parent):
+    """Return the process that writes for another."""
+    for process in Path('/proc').glob('[0-9]*'):
+        with suppress(OSError):
+            if f'\nPPid:\t{parent}\n' in (process / 'status').read_text() and (
+                    b'tetra_ros2.recording.writer' in (process / 'cmdline').read_bytes()):
+                return int(process.name)
+    raise RuntimeError(f'nobody writes for {parent}')
+
+
+def _look(path, heard, told, killed):
+    """Read a bag, after recovering it if it is torn, and compare it with what was heard."""
+    torn = not recover.is_whole(path)
+    if torn:
+        recovered = path.with_name(f'{path.name}_recovered')
+        recover.recover(path, recovered)
+        path = recovered
+    stamps, counts = defaultdict(list), Counter()
+    with Reader(path) as reader:
+        for connection, _, data in reader.messages():
+            counts[connection.topic] += 1
+            if connection.msgtype in _STAMPED:
+                stamps[connection.topic].append(_stamp(data))
+    if fewer := Counter(told) - counts:
+        return Outcome(torn, 0.0, f'messages are missing: {dict(fewer)}')
+    if '/formation/attitudes' not in stamps:
+        return Outcome(torn, 0.0, 'there is no state in it')
+    lost = 0.0
+    for topic, found in stamps.items():
+        ordered = sorted(set(found))
+        if max((b - a for a, b in pairwise(ordered)), default=0) > GAP * 10**9 // RATE:
+            return Outcome(torn, 0.0, f'steps are missing on {topic}')
+        missing = [at for stamp, at in heard if stamp > ordered[-1]]
+        lost = max(lost, killed - min(missing, default=killed))
+    return Outcome(torn, lost, None if lost <= PROMISE else f'{lost:.2f} s are lost')
+
+
+def _reserve():
+    """Return a ROS domain that no test and no other of these has, and its lock."""
+    for domain in range(101, 0, -1):
+        lock = (Path(tempfile.gettempdir()) / f'tetra_ros2_test_domain_{domain}').open('w')
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return domain, lock
+        except OSError:
+            lock.close()
+    raise RuntimeError('all ROS domains are taken')
+
+
+def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_: None):
+    """
+    Kill each victim so many times in each format.
+
+    :param jobs: how many formations at a time
+    :param victims: ``{layout: victims}``
+    :returns: ``{(layout, victim, storage): [Outcome]}``
+    """
+    chance = random.Random(seed)
+    plan = [(layout, victim, storage, chance.uniform(1.2, 3.2))
+            for _ in range(kills) for layout, names in (victims or VICTIMS).items()
+            for victim in names for storage in storages]
+    outcomes = defaultdict(list)
+    with tempfile.TemporaryDirectory(prefix='tetra_power_cuts_') as directory:
+        def work(job):
+            domain, lock = _reserve()
+            home = Path(directory) / str(job)
+            home.mkdir()
+            layouts = {}
+            with lock:
+                for number, (layout, *rest, delay) in list(enumerate(plan))[job::jobs]:
+                    if layout not in layouts:
+                        # One at a time: both are in the same domain.
+                        for other in layouts.values():
+                            other.close()
+                        layouts = {layout: Formation(domain, home)}
+                    path = home / f'bag_{number}'
+                    try:
+                        outcome = layouts[layout].trial(layout, *rest, delay, path)
+                    except Exception as error:  # whatever it is, it is what came of this kill
+                        outcome = Outcome(False, 0.0, f'{type(error).__name__}: {error}')
+                        layouts.pop(layout).close()
+                    outcomes[(layout, *rest)].append(outcome)
+                    progress(number, layout, *rest, outcome)
+                    for bag in home.glob(f'bag_{number}*'):
+                        if outcome.problem is None:
+                            shutil.rmtree(bag)
+                for formation in layouts.values():
+                    formation.close()
+        # By layout, so that the nodes of a formation are started once and not for each kill.
+        plan.sort(key=lambda trial: trial[0])
+        with ThreadPoolExecutor(jobs) as pool:
+            list(pool.map(work, range(jobs)))
+    return outcomes
+
+
+def table(outcomes):
+    """Return the outcomes as a table of Markdown."""
+    lines = ['| formation | killed | format | kills | torn, recovered | readable '
+             '| lost: median [s] | worst [s] |', '|---|---|---|---|---|---|---|---|']
+    for (layout, victim, storage), found in sorted(outcomes.items()):
+        lost = [outcome.lost for outcome in found]
+        lines.append(
+            f'| {layout} | {victim} | {storage} | {len(found)} | {sum(o.torn for o in found)} '
+            f'| {sum(o.problem is None for o in found)} | {statistics.median(lost):.2f} '
+            f'| {max(lost):.2f} |')
+    return '\n'.join(lines)
+
+
+def main():
+    """Run it; return 1 if a bag was not readable or lacked what it promises."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--kills', type=int, default=50, metavar='N',
+                        help='of each process in each format (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--jobs', type=int, default=2, metavar='N',
+                        help='formations at a time (default: %(default)s)')
+    arguments = parser.parse_args()
+
+    def progress(number, layout, victim, storage, outcome):
+        print(f'{number}: {layout}, {victim}, {storage}: '
+              f'{outcome.problem or f"{outcome.lost:.2f} s"}', file=sys.stderr, flush=True)
+
+    outcomes = run(arguments.kills, arguments.seed, arguments.jobs, progress=progress)
+    print(f'seed {arguments.seed}\n\n{table(outcomes)}')
+    problems = [(*key, o.problem) for key, found in outcomes.items() for o in found if o.problem]
+    for problem in problems:
+        print(*problem, sep=': ')
+    return 1 if problems else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
