@@ -11,6 +11,7 @@ told to. A bag says in its metadata that it is not finished until it is.
 
 from collections import defaultdict
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from copy import copy
 import errno
 from io import BytesIO, FileIO
@@ -29,7 +30,7 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 UNFINISHED = 'tetra_ros2_unfinished'
 """A key in the custom data of the metadata of a bag that is still being written, or was torn."""
 
-DESCRIPTION_PERIOD = 10.0
+DESCRIPTION_PERIOD = 30.0
 """How often the counts in the metadata are brought up to date [s]."""
 
 _CHUNK_SIZE = 1 << 20
@@ -182,6 +183,8 @@ class Bag:
         self._counts: dict[int, int] = {}
         self._start, self._end = self._writer.min_timestamp, 0
         self._described = -DESCRIPTION_PERIOD
+        self._clerk = ThreadPoolExecutor(1, 'clerk')
+        self._description: Future[None] | None = None
         self.dirty = False
 
     def add(self, topic: str, type_name: str, definition: str, type_hash: str,
@@ -213,29 +216,42 @@ class Bag:
             raise FileNotFoundError(errno.ENOENT, 'it was removed', str(self._storage.path))
         self._storage.flush()
         self.dirty = False
-        if time.monotonic() - self._described >= DESCRIPTION_PERIOD:
-            self._describe()
+        if time.monotonic() - self._described >= DESCRIPTION_PERIOD and (
+                self._description is None or self._description.done()):
+            self._wait()
+            # Not waited for: it takes as long as a thousand messages.
+            self._description = self._clerk.submit(self._describe().close)
             self._described = time.monotonic()
 
-    def _describe(self) -> None:
-        """Write the metadata of a bag that is not finished."""
+    def _wait(self) -> None:
+        """Wait for the metadata that are being written, so that they do not come last."""
+        description, self._description = self._description, None
+        if description is not None:
+            description.result()
+
+    def _describe(self) -> Writer:
+        """Return what writes the metadata of a bag that is not finished."""
         description = copy(self._writer)
+        description.connections = list(self._writer.connections)
         description.storage = _Described(self._storage.path)
         description.counts = dict(self._counts)
         description.min_timestamp = self._start if any(self._counts.values()) else 0
         description.max_timestamp = self._end
         description.custom_data = {UNFINISHED: 'true'}
-        description.close()
+        return description
 
     def close(self) -> None:
         """Complete the bag."""
         self.flush()
+        self._wait()
         self._writer.counts = dict(self._counts)
         self._writer.min_timestamp, self._writer.max_timestamp = self._start, self._end
         self._writer.close()
 
     def salvage(self) -> None:
         """Complete the bag with what is safe, where something could not be written."""
+        with suppress(OSError):  # it may be what could not be written
+            self._wait()
         self._counts = {**dict.fromkeys(self._counts, 0), **self._storage.rewind()}
         self._writer.counts = dict(self._counts)
         self._writer.min_timestamp, self._writer.max_timestamp = self._start, self._end
@@ -243,4 +259,5 @@ class Bag:
 
     def abort(self) -> None:
         """Leave the bag as it is."""
+        self._clerk.shutdown()
         self._writer.abort()

@@ -26,7 +26,7 @@ PIPE_SIZE = 1 << 20
 """How much may wait to be written before the recorder waits [bytes], where it can be chosen."""
 
 
-FLUSH_PERIOD = 0.4
+FLUSH_PERIOD = 0.25
 """How long a message may wait before it is put on the disk [s]."""
 
 _LENGTH = struct.Struct('<I')
