@@ -80,7 +80,8 @@ $(VENV)/bin/python:
 	  { rm -rf $(VENV); echo "venv is missing: apt install python3-venv" >&2; exit 2; }
 
 $(VENV)/.ros: setup.py tetra_ros2/installation.py | $(VENV)/bin/python
-	@echo 'Into $(VENV), from PyPI: ROS 2 (rclpy, Fast DDS), the viewer, matplotlib; DOWNLOAD.'
+	@echo 'Into $(VENV), from PyPI: ROS 2 (rclpy, Fast DDS), the viewer, matplotlib;'
+	@echo 'some 120 MB to download, 450 MB on disk.'
 	$(INSTALL) '.[ros,record,plot,view,completion]'
 	@touch $@
 

@@ -15,6 +15,26 @@ settings.register_profile('tetra', derandomize=True, deadline=None, max_examples
 settings.load_profile('tetra')
 
 
+OPTIONAL = {
+    'apsw', 'browser', 'colcon_core', 'dask', 'distributed', 'dynamixel_sdk', 'ipykernel',
+    'matplotlib', 'mcap', 'mcap_ros2', 'msgspec', 'mujoco', 'nbclient', 'nbformat', 'numba', 'PIL',
+    'playwright', 'pyarrow', 'rosbags', 'scipy', 'trimesh', 'viser', 'websockets',
+}
+"""Modules without which the tests that want them are skipped, as rosdep brings not all of them."""
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_make_collect_report(collector):
+    """Skip a file of tests that imports what is not installed, and is not needed to run."""
+    outcome = yield
+    report = outcome.get_result()
+    error = report.call.excinfo and report.call.excinfo.value.__cause__
+    if isinstance(error, ModuleNotFoundError) \
+            and (error.name or '').partition('.')[0] in OPTIONAL:
+        report.outcome = 'skipped'
+        report.longrepr = (str(collector.path), 0, f'Skipped: {error.name} is not installed')
+
+
 def _reserve_domain():
     """Take a ROS domain that no other test session on this machine has; return its lock."""
     for domain in range(1, 102):  # beyond 101 the ports are among those of outgoing connections
