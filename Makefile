@@ -9,7 +9,8 @@ TETRA := $(CLEAN) $(VENV)/bin/tetra
 # Editable, so that a change needs no new installation; with pip's progress, as it takes a while.
 INSTALL = $(CLEAN) $(VENV)/bin/python -m pip install --disable-pip-version-check -e
 
-.PHONY: help demo test quick browser verify bench chaos power-cuts soak docs lint clean pictures
+.PHONY: help demo test quick browser verify bench chaos power-cuts soak docs lint mutants clean \
+  pictures
 
 help:  ## say what can be made
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
@@ -68,8 +69,17 @@ lint: $(VENV)/.test  ## check style and types
 	$(CLEAN) $(VENV)/bin/ruff check .
 	$(CLEAN) $(VENV)/bin/mypy
 
+# Which mutants, and for how long: it goes on where it was stopped. `make mutants MUTANTS='...sphere*'`
+MUTANTS ?= tetra_ros2.formation.*
+MUTANTS_TIME ?= 3600
+
+mutants: $(VENV)/.test  ## change the mathematics a little, many times, and see the tests fail
+	@$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'mutmut>=3.8'
+	-@$(CLEAN) timeout --signal INT $(MUTANTS_TIME) $(VENV)/bin/mutmut run '$(MUTANTS)'
+	@$(CLEAN) $(VENV)/bin/mutmut results
+
 clean:  ## remove what was made here
-	rm -rf $(VENV) build install log .pytest_cache .ruff_cache .hypothesis *.egg-info
+	rm -rf $(VENV) build install log mutants .pytest_cache .ruff_cache .hypothesis *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/bin/python:

@@ -180,9 +180,11 @@ def test_noise_turns_an_antipodal_pair_in_two_directions():
 
 def test_the_delay_limit_of_the_spinning_formation_does_not_depend_on_how_finely_it_is_sought():
     limit = sampling.max_delay(TETRAHEDRON, ROTATING.weights, Cosine())
-    h = limit / 1500.0
-    steps = sampling._max_delay_steps_spinning(TETRAHEDRON, ROTATING.weights, Cosine(), h, 1500)
-    assert (steps + 0.5) * h == pytest.approx(limit, rel=3e-3)
+    for count in (331, 457, 613):
+        h = limit / count
+        steps = sampling.max_delay_steps(TETRAHEDRON, ROTATING.weights, Cosine(), h)
+        # Each of the two is half a step of its own from the truth at most.
+        assert (steps + 0.5) * h == pytest.approx(limit, rel=0.5 / count + 0.5 / 500 + 1e-4)
 
 
 def test_at_the_sample_time_limit_itself_no_delay_is_stable():
