@@ -172,3 +172,15 @@ def test_six_cosines_of_a_formation_satisfy_the_identity():
     cosines = measures.pairwise_cosines(FORMATIONS)
     assert np.allclose(coordinates.gram_identity(cosines), 1.0, atol=1e-13)
     assert abs(coordinates.gram_identity(cosines[0] + 0.1) - 1.0) > 1e-3
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_the_angle_gamma_is_zero_where_the_second_agent_is_on_the_line_of_the_first(sign):
+    formation = FORMATIONS[0].copy()
+    formation[1] = sign * formation[0]
+    assert coordinates.absolute(formation)[2] == 0.0
+
+
+def test_four_directions_at_right_angles_need_a_fourth_dimension():
+    with pytest.raises(ValueError, match='no four points'):
+        coordinates.inverse(np.zeros(9), 1)

@@ -188,8 +188,8 @@ def _coplanar_unstable(system: SystemUnderTest) -> Result:
     least, kinds, count = math.inf, set(), 0
     for factor in (1.0, 0.3, 4.0):
         gain = dataclasses.replace(system.gains[0], a=factor * system.gains[0].a)
-        equilibria = _coplanar_equilibria(system.complete.weights, gain)
-        gamma = coordinates.from_angles(np.zeros_like(equilibria), equilibria)
+        psi = _coplanar_equilibria(system.complete.weights, gain)
+        gamma = coordinates.from_angles(np.zeros_like(psi), psi)
         count += len(gamma)
         kinds |= {equilibria.classify(points) for points in gamma}
         _, different = np.unique(

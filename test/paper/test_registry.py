@@ -1,0 +1,32 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How a result is judged: what agrees passes, what does not, or is missing, does not."""
+
+import math
+
+import pytest
+
+from tetra_ros2.paper.registry import equal, negative, same_spectrum, vanishes, worst_of
+
+
+@pytest.mark.parametrize(('measured', 'predicted', 'passed'), [
+    ([1.0, -2.0 + 1j], [-2.0 + 1j, 1.0], True),
+    ([1.0, 1.0, 2.0], [1.0, 2.0, 2.0], False),
+    ([1.0, 2.0], [1.0, 2.0, 2.0], False),
+    ([1.0, 2.0, 2.0], [1.0, 2.0], False),
+    ([1.0, 2.0 + 1e-8], [1.0, 2.0], False)])
+def test_spectra_agree_if_each_eigenvalue_has_its_own_partner(measured, predicted, passed):
+    assert same_spectrum(measured, predicted).passed is passed
+
+
+def test_what_is_not_a_number_never_passes():
+    assert not equal(0.0, math.nan, 1.0).passed
+    assert not vanishes([0.0, math.nan], 1.0).passed
+    assert not negative([-1.0, math.nan]).passed
+
+
+def test_the_worst_result_is_one_that_did_not_pass_however_small():
+    failed, passed = equal(0.0, 1e-9, 1e-12), equal(0.0, 0.5, 1.0)
+    assert worst_of([passed, failed]) is failed
+    assert worst_of([equal(0.0, 0.1, 1.0), passed]) is passed
