@@ -47,10 +47,10 @@ class Lockstep(Stepper):
     """
     The plant waits for all commands that answer step k, and only then takes the step.
 
-    While it waits, it repeats the measurements of those whose answers are missing. It does so
-    after a time that it learns from the answers, as TCP does, and less and less often, down to
-    once in ``republish_period``, when the state goes out again too: who joined late, or lost a
-    message, costs time and nothing else. An agent that falls silent for
+    While it waits, it repeats the measurements of those whose answers are missing, each time after
+    a while that it learns from the answers, as TCP does. Who has been sent them very often, or has
+    never answered, gets them once in ``republish_period``, when the state goes out again too. Who
+    joined late, or lost a message, costs time and nothing else. An agent that falls silent for
     ``command_timeout`` is held still and not waited for until it answers again; one that has
     never answered is waited for. The stamp of the first measurements is one period: to ROS, a
     stamp of zero means no time at all.
