@@ -113,7 +113,7 @@ def test_one_forged_clock_does_not_put_the_rest_into_another_year(tmp_path, prob
             tick(7, k * 10_000_000)
         recorded(bench, '/agent_1/cmd_vel', 23)
         recorded(bench, '/clock', 23)
-        assert bench.node.health.rejected == {'implausible time (/clock)': 3}
+        assert bench.node.health.rejected.total() == 3
     times = [at for _, _, at, _ in in_file(path)]
     assert min(times) == 7 * 10**9
     assert max(times) == 7 * 10**9 + 190_000_000

@@ -298,8 +298,8 @@ def test_a_launcher_that_is_refused_records_nothing(tmp_path, monkeypatch):
         # Somebody is found only when the recording has begun, as DDS takes its time.
         if self.recorder is not None:
             found.append(path.exists())
-            return [], ['/clock']
-        return [], []
+            return [], [], ['/clock']
+        return [], [], []
 
     monkeypatch.setattr(launcher, 'FAREWELL_TIMEOUT', 0.2)
     monkeypatch.setattr(Launcher, '_links', links)
@@ -354,10 +354,10 @@ def test_a_path_that_cannot_be_made_is_refused(tmp_path):
 
 def test_a_recorder_that_has_not_found_a_publisher_is_waited_for(tmp_path, monkeypatch):
     with Launcher('complete', record=tmp_path / 'bag') as formation:
-        assert formation._links() == ([], [])
+        assert formation._links() == ([], [], [])
         subscription = formation.recorder.inputs[0]
         monkeypatch.setattr(subscription, 'get_publisher_count', lambda: 0)
-        assert formation._links() == ([subscription.topic_name], [])
+        assert formation._links() == ([subscription.topic_name], [], [])
 
 
 def test_interrupting_the_launcher_leaves_a_whole_bag(tmp_path, processes, probe):

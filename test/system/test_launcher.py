@@ -184,7 +184,7 @@ def test_a_formation_that_finds_another_one_at_its_start_is_refused(monkeypatch)
     from tetra_ros2 import launcher
     from tetra_ros2.config.parameters import ConfigurationError
     monkeypatch.setattr(launcher, 'FAREWELL_TIMEOUT', 0.2)
-    monkeypatch.setattr(Launcher, '_links', lambda self: ([], ['/clock']))
+    monkeypatch.setattr(Launcher, '_links', lambda self: ([], [], ['/clock']))
     with pytest.raises(ConfigurationError, match='somebody else is on /clock'), \
             Launcher('complete'):
         pass
