@@ -322,12 +322,11 @@ class Viewer(FormationNode):
 
     def _on_reset(self, response):
         self.page.restart()
-        self.page.notify('reset', response.message, 'green')
+        self.page.notify('started anew', response.message, 'green')
 
     def start_at_random(self):
         """Let the plant start anew at random."""
-        self._call(Trigger, names.RANDOMIZE, Trigger.Request(),
-                   lambda response: self.page.notify('start', response.message, 'green'))
+        self._call(Trigger, names.RANDOMIZE, Trigger.Request(), self._on_reset)
 
     def set_gain(self, a):
         """Give all agents this amplitude of the gain [rad/s], and all others who have one."""
