@@ -97,7 +97,7 @@ def formation_html(folder, out):
 def viewer_png(folder, out):
     """Look at a running formation in a browser."""
     with _server('launcher', '--config', 'rotating', '--view') as address:
-        _screenshot(address, folder / 'viewer.png', 22.0)
+        _screenshot(address, folder / 'viewer.png', 14.0)
     _shrink(folder / 'viewer.png', out)
 
 
