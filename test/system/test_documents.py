@@ -6,6 +6,7 @@
 from pathlib import Path
 import re
 
+import pytest
 import yaml
 
 from tetra_ros2.commands import COMMANDS
@@ -16,6 +17,7 @@ from tetra_ros2.formation import gain as gains
 TOP = Path(__file__).resolve().parents[2]
 README = (TOP / 'README.md').read_text()
 PARAMETERS = (TOP / 'docs' / 'parameters.md').read_text()
+PAGES = [TOP / 'README.md', TOP / 'CONTRIBUTING.md', *sorted((TOP / 'docs').glob('*.md'))]
 
 
 def test_the_tables_of_parameters_are_those_of_the_code():
@@ -37,3 +39,24 @@ def test_every_gain_and_every_command_is_listed():
     table = README.split('| command | does |')[1].split('\n\n')[0]
     listed = set(re.findall('`(?:tetra )?([a-z]+)`', table))
     assert listed == set(COMMANDS)
+
+
+@pytest.mark.parametrize('code', re.findall('```python\n(.*?)```', README, re.DOTALL))
+def test_the_examples_in_python_run(code):
+    exec(compile(code, 'README.md', 'exec'), {})
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_every_link_to_a_file_finds_it(page):
+    text = re.sub('```.*?```', '', page.read_text(), flags=re.DOTALL)
+    targets = re.findall(r'\]\(([^)\s]+)\)', text) + re.findall('src="([^"]+)"', text)
+    for target in targets:
+        path, _, _ = target.partition('#')
+        if path and '://' not in path:
+            assert (page.parent / path).exists(), target
+
+
+def test_every_page_is_in_the_table_of_contents():
+    index = (TOP / 'docs' / 'index.md').read_text()
+    for page in (TOP / 'docs').glob('*.md'):
+        assert page.stem == 'index' or re.search(rf'^{page.stem}$', index, re.MULTILINE), page.stem
