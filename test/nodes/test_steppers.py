@@ -11,7 +11,7 @@ import pytest
 
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.nodes import lockstep, realtime
-from tetra_ros2.nodes.lockstep import Lockstep
+from tetra_ros2.nodes.lockstep import Lockstep, RoundTrip
 from tetra_ros2.nodes.realtime import RealTime
 
 PERIOD = 10_000_000
@@ -227,3 +227,16 @@ def test_in_real_time_a_command_counts_until_it_is_as_old_as_its_time_out(clocks
         clocks.advance(PERIOD)
         plant.tick()
     assert [rates[0] for _, rates in plant.stepped] == 5 * [TURN] + 2 * [STILL]
+
+
+def test_the_patience_follows_the_answers_and_grows_if_one_came_that_was_taken_for_lost():
+    trip = RoundTrip()
+    for _ in range(200):
+        trip.take(0.02)
+    assert trip.patience == pytest.approx(0.02, rel=0.01)
+    for _ in range(100):
+        trip.lengthen()
+    assert trip.patience > 1.0
+    for _ in range(2000):
+        trip.take(0.02)
+    assert trip.patience == pytest.approx(0.02, rel=0.01)

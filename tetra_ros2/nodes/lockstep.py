@@ -18,6 +18,9 @@ from tetra_ros2.wire import cdr, names
 SHORTEST_PATIENCE = 4e-3
 """How long to wait for answers at least before measurements are repeated [s]."""
 
+LENGTHENING = 1.05
+"""By how much the patience grows with each answer that was taken for lost and came."""
+
 OFTEN = 100
 """How often they are repeated in a step before that happens once in ``republish_period`` only."""
 
@@ -29,18 +32,26 @@ class RoundTrip:
     :ivar patience: after which time an answer is probably lost [s]
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.patience = 10.0 * SHORTEST_PATIENCE
-        self._mean = self._deviation = None
+        self._mean: float | None = None
+        self._deviation = 0.0
+        self._slack = 1.0  # how much longer than that to wait, as some were taken for lost
 
-    def take(self, seconds):
+    def take(self, seconds: float) -> None:
         """Take how long the last answer to a step took, if nothing of that step was repeated."""
         if self._mean is None:
             self._mean, self._deviation = seconds, 0.5 * seconds
         else:
             self._deviation += 0.25 * (abs(seconds - self._mean) - self._deviation)
             self._mean += 0.125 * (seconds - self._mean)
-        self.patience = max(SHORTEST_PATIENCE, self._mean + 4.0 * self._deviation)
+        self._slack = max(1.0, 0.99 * self._slack)
+        self.patience = self._slack * max(SHORTEST_PATIENCE, self._mean + 4.0 * self._deviation)
+
+    def lengthen(self) -> None:
+        """Wait longer from now on: an answer that was taken for lost came after all."""
+        self._slack *= LENGTHENING
+        self.patience *= LENGTHENING
 
 
 class Lockstep(Stepper):
@@ -151,6 +162,8 @@ class Lockstep(Stepper):
             raise Rejected(Rejected.FUTURE_STAMP)
         else:
             self.late += 1  # the answer to a repetition, a partial answer, or a stop
+            if stamp == self.stamp - self._period and self._round_trip.patience < self._longest:
+                self._round_trip.lengthen()
             if stamp > self._absent_since:
                 self._absent &= ~bit  # it is back, and waited for from the next step on
 
