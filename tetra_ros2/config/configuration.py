@@ -140,7 +140,8 @@ def _polyhedron(values: Mapping[str, Any]) -> Topology:
     needed = targets.number_of_vertices(solid)
     if n not in (0, needed):
         raise ConfigurationError(
-            f'{n} is not valid, the {solid} needs {needed}; leave it out', key='topology.n')
+            f'{n} is not valid, the {solid} needs {needed}; leave it out, or say 0',
+            key='topology.n')
     axis = values['topology.axis']
     if axis not in targets.AXES:
         try:
