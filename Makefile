@@ -32,9 +32,9 @@ test: $(VENV)/.test browser  ## run all tests
 	$(CLEAN) $(VENV)/bin/mypy
 	$(CLEAN) $(VENV)/bin/python -m pytest $(PYTEST_ARGS)
 
-quick: $(VENV)/.test  ## run the tests that start no nodes, in a minute or two
+quick: $(VENV)/.test  ## run the tests of the mathematics and of the files, which start no nodes
 	$(CLEAN) $(VENV)/bin/ruff check .
-	$(CLEAN) $(VENV)/bin/python -m pytest -m 'not slow' test/formation test/config test/wire test/drawing
+	$(CLEAN) $(VENV)/bin/python -m pytest test/formation test/config test/wire test/drawing
 
 verify: $(VENV)/.test  ## check every claim of the paper
 	@$(TETRA) verify
@@ -91,12 +91,12 @@ $(VENV)/bin/python:
 
 $(VENV)/.ros: setup.py tetra_ros2/installation.py | $(VENV)/bin/python
 	@echo 'Into $(VENV), from PyPI: ROS 2 (rclpy, Fast DDS), the viewer, matplotlib;'
-	@echo 'some 120 MB to download, 450 MB on disk.'
+	@echo 'some 110 MB to download, 450 MB on disk.'
 	$(INSTALL) '.[ros,record,plot,view,completion]'
 	@touch $@
 
 $(VENV)/.test: setup.py tetra_ros2/installation.py | $(VENV)/bin/python
-	@echo 'Into $(VENV), from PyPI: all that the tests want; DOWNLOADTEST.'
+	@echo 'Into $(VENV), from PyPI: all that the tests want, 1.5 GB on disk.'
 	$(INSTALL) '.[ros,test]'
 	@touch $@ $(VENV)/.ros
 
