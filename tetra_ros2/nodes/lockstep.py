@@ -36,7 +36,6 @@ class RoundTrip:
         self.patience = 10.0 * SHORTEST_PATIENCE
         self._mean: float | None = None
         self._deviation = 0.0
-        self._slack = 1.0  # how much longer than that to wait, as some were taken for lost
 
     def take(self, seconds: float) -> None:
         """Take how long the last answer to a step took, if nothing of that step was repeated."""
@@ -45,13 +44,17 @@ class RoundTrip:
         else:
             self._deviation += 0.25 * (abs(seconds - self._mean) - self._deviation)
             self._mean += 0.125 * (seconds - self._mean)
-        self._slack = max(1.0, 0.99 * self._slack)
-        self.patience = self._slack * max(SHORTEST_PATIENCE, self._mean + 4.0 * self._deviation)
+        self.patience = max(SHORTEST_PATIENCE, self._mean + 4.0 * self._deviation)
 
     def lengthen(self) -> None:
-        """Wait longer from now on: an answer that was taken for lost came after all."""
-        self._slack *= LENGTHENING
-        self.patience *= LENGTHENING
+        """
+        Take note that an answer that was taken for lost came after all.
+
+        As long as every step was repeated, nothing could be learnt. Later it means little: where
+        messages are lost, an agent may answer a repetition as well as what it repeats.
+        """
+        if self._mean is None:
+            self.patience *= LENGTHENING
 
 
 class Lockstep(Stepper):
