@@ -280,7 +280,7 @@ def test_every_erratum_is_in_the_document():
     page = ERRATA_PAGE.read_text(encoding='utf-8')
     for key, entry in ERRATA.items():
         printed = entry.how.removeprefix('printed: ')
-        assert f'`{key}` | {entry.label} | {printed} | {entry.says} |' in page
+        assert f'`{key}` | {entry.label} | `{printed}` | {entry.says} |' in page
 
 
 def test_a_claim_that_does_not_exist_is_refused(capsys):
