@@ -184,3 +184,10 @@ def test_the_angle_gamma_is_zero_where_the_second_agent_is_on_the_line_of_the_fi
 def test_four_directions_at_right_angles_need_a_fourth_dimension():
     with pytest.raises(ValueError, match='no four points'):
         coordinates.inverse(np.zeros(9), 1)
+
+
+def test_a_small_circle_is_told_from_a_great_one_by_a_millionth():
+    formations = circle(3e-6, 20)
+    for formation in formations:
+        with pytest.raises(ValueError, match='mirror image'):
+            coordinates.inverse(coordinates.transform(formation), 0)
