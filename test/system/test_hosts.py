@@ -89,19 +89,39 @@ def network(graph='complete', mode='realtime', discovery='multicast', **paramete
         yield Network(hosts, watcher, start)
 
 
+def alone(function, *arguments):
+    """
+    Call a function of this module in a process of its own.
+
+    DDS remembers for good which network interfaces, and which discovery server, a process had.
+    """
+    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as process:
+        return process.submit(function, *arguments).result()
+
+
 def _forms(discovery):
     with network(discovery=discovery) as net:
-        return net.forms(60.0)
+        assert net.forms(60.0)
 
 
 @pytest.mark.parametrize('discovery', ['multicast', 'static peers', 'discovery server'])
 def test_a_formation_over_five_hosts_forms(discovery):
-    # A process that has once used a discovery server never finds anybody without it again.
-    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as process:
-        assert process.submit(_forms, discovery).result()
+    alone(_forms, discovery)
 
 
 def test_it_forms_through_loss_delay_and_jitter_and_survives_partition_and_reboot():
+    alone(_loss_partition_and_reboot)
+
+
+def test_lockstep_goes_on_at_a_pace_when_messages_are_lost():
+    alone(_lockstep_under_loss)
+
+
+def test_a_plant_that_is_rebooted_is_believed_again():
+    alone(_reboot_of_the_plant)
+
+
+def _loss_partition_and_reboot():
     with network('rotating') as net:
         assert net.forms(60.0)
         net.watcher.begin()
@@ -125,7 +145,7 @@ def test_it_forms_through_loss_delay_and_jitter_and_survives_partition_and_reboo
         assert net.forms()
 
 
-def test_lockstep_goes_on_at_a_pace_when_messages_are_lost():
+def _lockstep_under_loss():
     with network(mode='lockstep') as net:
         assert net.watcher.wait(lambda: net.watcher.fresh, 30.0)
         for loss, least in ((0.1, 50.0), (0.3, 15.0)):
@@ -135,7 +155,7 @@ def test_lockstep_goes_on_at_a_pace_when_messages_are_lost():
             assert net.steps_per_second(100.0, 4.0) > least
 
 
-def test_a_plant_that_is_rebooted_is_believed_again():
+def _reboot_of_the_plant():
     with network() as net:
         assert net.forms()
         net.watcher.begin()

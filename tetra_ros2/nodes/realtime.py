@@ -81,8 +81,14 @@ class RealTime(Stepper):
         """Publish the state; the commands so far were for another one."""
         self._plant.read_commands()
         self._forget_commands()
+        # The next step begins here: from the last one on, it would be longer than the stamps say.
         self.stamp = self._plant.get_clock().now().nanoseconds
+        self._stepped_at = self._now(self.stamp)
         self._plant.publish(self.stamp)
+
+    def _now(self, stamp):
+        """Return the time on the clock that steps are measured on [ns]."""
+        return stamp if self._simulated else time.monotonic_ns()
 
     def _forget_commands(self):
         self._rates = [STILL] * len(self._rates)
@@ -107,7 +113,7 @@ class RealTime(Stepper):
     def _on_timer(self):
         self._plant.read_commands()
         now = self._plant.get_clock().now().nanoseconds
-        here = now if self._simulated else time.monotonic_ns()
+        here = self._now(now)
         before, self.stamp = self.stamp, now
         elapsed, self._stepped_at = here - self._stepped_at, here
         if not before or elapsed <= 0:  # the first time, or /clock was set back
