@@ -34,7 +34,7 @@ test: $(VENV)/.test browser  ## run all tests
 
 quick: $(VENV)/.test  ## run the tests of the mathematics and of the files, which start no nodes
 	$(CLEAN) $(VENV)/bin/ruff check .
-	$(CLEAN) $(VENV)/bin/python -m pytest test/formation test/config test/wire test/drawing
+	$(CLEAN) $(VENV)/bin/python -m pytest -n 2 test/formation test/config test/wire test/drawing
 
 verify: $(VENV)/.test  ## check every claim of the paper
 	@$(TETRA) verify

@@ -40,6 +40,7 @@ extras['test'] = [
     'playwright',
     'pytest',
     'pytest-timeout',
+    'pytest-xdist',
     'ruff',
     'setuptools',
     'sphinx',

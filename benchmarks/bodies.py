@@ -18,7 +18,6 @@ import time
 
 import mujoco
 import numpy as np
-
 from tetra_ros2.formation import gain, measures, rate_loop, rotation, shapes, topology
 from tetra_ros2.formation.simulation import SampledLoop
 from tetra_ros2.physics.bodies import make_bodies

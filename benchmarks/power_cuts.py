@@ -38,7 +38,6 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosbags.rosbag2 import Reader
-
 from tetra_ros2.recording import recover
 
 PROMISE = 1.0

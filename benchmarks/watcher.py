@@ -26,7 +26,6 @@ from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
-
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.ros.executor import make_executor, spin_some
 from tetra_ros2.wire import cdr, names

@@ -245,9 +245,8 @@ def turn(spinner, plant, n, again=False):
 
 def watched(arguments):
     """Lockstep rounds in one process with monitor and recorder; what is lost is counted."""
-    import yaml
-
     from tetra_ros2.launcher import Launcher
+    import yaml
     n = arguments.n
     with tempfile.TemporaryDirectory() as directory:
         bag = Path(directory) / 'bag'
@@ -323,7 +322,6 @@ def n_topics(n):
 def realtime(arguments):
     """Measure punctuality and freshness of the plant in real time; the agents are elsewhere."""
     import numpy as np
-
     from tetra_ros2.ros.executor import spare_collections
     n = arguments.n
     notes = []
@@ -447,7 +445,6 @@ def first_command(arguments):
 def drift(arguments):
     """Turn a rigid body very often, and say how far its attitude then is off SO(3)."""
     import numpy as np
-
     from tetra_ros2.formation.bodies import RigidBodies
     from tetra_ros2.formation.rotation import random
     rng = np.random.default_rng(1)

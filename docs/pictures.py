@@ -66,7 +66,6 @@ def solids_png(folder, out):
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-
     from tetra_ros2.drawing import picture
     from tetra_ros2.recording import plot
     with rc_context(plot.STYLE):
@@ -153,7 +152,6 @@ def _shrink(path, out):
     """Write a picture with a few colours, the agents' among them, so that the file is small."""
     import numpy as np
     from PIL import Image
-
     from tetra_ros2.drawing import colors
     own = [colors.rgb(color) for color in (*colors.AGENTS, colors.INK, '#ffffff')]
     with Image.open(path) as image:

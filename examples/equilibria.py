@@ -8,7 +8,6 @@ Run it with ``python examples/equilibria.py``. It needs numpy and nothing else.
 """
 
 import numpy as np
-
 from tetra_ros2.formation import complete, Cosine, Formation, rotating
 
 

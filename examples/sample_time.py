@@ -8,7 +8,6 @@ Run it with ``python examples/sample_time.py``. It needs numpy and nothing else.
 """
 
 import numpy as np
-
 from tetra_ros2.formation import Cosine, Formation, rotating
 
 formation = Formation(rotating(), Cosine())

@@ -15,7 +15,6 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-
 from tetra_ros2 import installation
 from tetra_ros2.config import configuration
 from tetra_ros2.config.parameters import ConfigurationError

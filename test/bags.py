@@ -8,7 +8,6 @@ import struct
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-
 from tetra_ros2.formation import law, rotation, topology
 from tetra_ros2.formation.gain import Cosine
 

@@ -9,7 +9,6 @@ from harness import values
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-
 from tetra_ros2.ros.executor import make_executor, spin_some
 
 

@@ -5,7 +5,6 @@
 
 from hypothesis import strategies as st
 import numpy as np
-
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation.topology import Topology
 

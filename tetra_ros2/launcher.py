@@ -24,7 +24,6 @@ from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-
 from tetra_ros2.config import configuration
 from tetra_ros2.config.bodies import check_bodies
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, PARAMETERS

@@ -13,7 +13,6 @@ import time
 from rclpy.parameter import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
-
 from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.launcher import Launcher, STALL_TIMEOUT

@@ -7,13 +7,12 @@ from contextlib import contextmanager
 import json
 import subprocess
 
-import numpy as np
-import pytest
-
 from benchmarks import rows as measurements
 from benchmarks import worker
 from benchmarks.__main__ import main
 from benchmarks.rows import all_rows, Bench, Row, System
+import numpy as np
+import pytest
 
 FIELDS = ('rounds/s', 'us/message', 'trajectories/s', 'trajectories/core s', 'drift', 'rate',
           'MB', 'growth [MB]', 's', 'lost', 'on time', 'fresh', 'oldest [steps]', 'rounds')

@@ -7,7 +7,6 @@ import json
 
 import numpy as np
 import pytest
-
 from tetra_ros2.cli import main
 from tetra_ros2.commands.analyze import analyze, analyze_bodies
 from tetra_ros2.formation import analysis, measures, rotation, shapes, topology

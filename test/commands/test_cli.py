@@ -17,7 +17,6 @@ import time
 from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
 from harness import DEADLINE, interrupt, run
 import pytest
-
 from tetra_ros2.commands import COMMANDS, EXAMPLES
 from tetra_ros2.commands._parser import make_parser
 

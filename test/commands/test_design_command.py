@@ -7,7 +7,6 @@ import json
 
 import numpy as np
 import pytest
-
 from tetra_ros2.cli import main
 from tetra_ros2.commands.design import read_points
 from tetra_ros2.config import configuration

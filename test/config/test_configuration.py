@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import assert_close
-import yaml
-
 from tetra_ros2.config import configuration
 from tetra_ros2.config.configuration import (
     find_file,
@@ -35,6 +33,7 @@ from tetra_ros2.config.share import share_directory
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import shapes, stability, targets
 from tetra_ros2.formation import topology as topologies
+import yaml
 
 SHIPPED = sorted(path.stem for path in (share_directory() / 'config').glob('*.yaml'))
 EVERY_PARAMETER = [

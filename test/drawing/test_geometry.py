@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tetra_ros2.drawing import geometry
 from tetra_ros2.formation import shapes, sphere
 

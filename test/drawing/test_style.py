@@ -7,7 +7,6 @@ import itertools
 
 import numpy as np
 import pytest
-
 from tetra_ros2.drawing import colors, style
 from tetra_ros2.viewer.rig import TIPS
 

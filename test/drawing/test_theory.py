@@ -8,7 +8,6 @@ import math
 import bags
 import numpy as np
 import pytest
-
 from tetra_ros2.drawing.theory import recognize, spin_rate, table, Theory
 from tetra_ros2.formation import (
     decay,

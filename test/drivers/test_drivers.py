@@ -9,7 +9,6 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-
 from tetra_ros2 import drivers
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.drivers import watchdog

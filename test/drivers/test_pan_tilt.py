@@ -8,13 +8,11 @@ import time
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import gimbal
 
 pytest.importorskip('dynamixel_sdk')
 
 from dynamixel_sdk import PacketHandler  # noqa: E402
-
 from tetra_ros2.drivers import dynamixel  # noqa: E402
 from tetra_ros2.drivers.pan_tilt import PanTilt  # noqa: E402
 from tetra_ros2.drivers.simulated_bus import crc, SimulatedBus  # noqa: E402

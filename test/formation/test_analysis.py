@@ -4,7 +4,6 @@
 """What an analysis says of the graph."""
 
 import pytest
-
 from tetra_ros2.formation import complete, custom, Exponential, Formation
 
 FOLLOWERS = [(i, j) for i, j, _ in complete(4).edges if i != 1]

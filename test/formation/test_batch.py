@@ -8,7 +8,6 @@ import sys
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import batch, gain, rotation, shapes, topology
 from tetra_ros2.formation.observer import Observer
 from tetra_ros2.formation.simulation import SampledLoop

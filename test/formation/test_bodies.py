@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import assert_close, attitudes, formations, quaternions, unit_vectors, vectors
-
 from tetra_ros2.formation import rotation, sphere
 from tetra_ros2.formation.bodies import RigidBodies
 

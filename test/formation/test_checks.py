@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from strategies import unit_vectors
-
 from tetra_ros2.formation.checks import Rejected, require_rate, require_unit, UNIT_TOLERANCE
 
 NOT_FINITE = [

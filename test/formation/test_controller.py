@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import any_gain, assert_close, formations, tangents, unit_vectors
-
 from tetra_ros2.formation import law
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.controller import Controller, NEVER

@@ -5,7 +5,6 @@
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import coordinates, law, measures, rotation, shapes, sphere, topology
 from tetra_ros2.formation.gain import Cosine, Exponential
 

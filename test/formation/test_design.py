@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import law, polyhedra, sphere, stability, targets, topology
 from tetra_ros2.formation.gain import Cosine, Exponential
 

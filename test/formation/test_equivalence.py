@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import any_gain, any_weights, assert_close, formations, quaternions
-
 from tetra_ros2.formation import law, rotation, shapes, sphere, topology
 from tetra_ros2.formation.equivalence import automorphism, equivalent
 

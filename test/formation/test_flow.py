@@ -5,7 +5,6 @@
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import flow, law
 from tetra_ros2.formation.gain import Cosine, Exponential
 from tetra_ros2.formation.topology import complete, rotating

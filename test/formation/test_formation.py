@@ -7,7 +7,6 @@ from hypothesis import given, settings
 import numpy as np
 import pytest
 from strategies import any_gain, any_topology, assert_close, attitudes, formations
-
 from tetra_ros2.formation import (
     complete,
     Cosine,

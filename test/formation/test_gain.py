@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import any_gain, assert_close
-
 from tetra_ros2.formation import gain as gains
 
 INTERIOR = np.linspace(0.0, math.pi, 501)[1:-1]

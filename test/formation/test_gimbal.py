@@ -8,7 +8,6 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
-
 from tetra_ros2.formation import gimbal, rotation, sphere
 
 ANGLE = st.floats(-3.0, 3.0)

@@ -6,7 +6,6 @@
 import bags
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import identify, rotation, shapes, topology
 from tetra_ros2.formation import law as laws

@@ -16,7 +16,6 @@ from strategies import (
     quaternions,
     unit_vectors,
 )
-
 from tetra_ros2.formation import law, rotation, shapes, sphere
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.formation.controller import Controller

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import any_gain, assert_close
-
 from tetra_ros2.formation import law, measures, polyhedra, sphere, topology
 from tetra_ros2.formation.gain import Cosine
 

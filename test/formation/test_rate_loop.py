@@ -5,7 +5,6 @@
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import gain, law, rate_loop, rotation, sampling, shapes, stability
 from tetra_ros2.formation import topology as topologies
 

@@ -16,7 +16,6 @@ from strategies import (
     unit_vectors,
     vectors,
 )
-
 from tetra_ros2.formation import rotation, sphere
 
 ROUNDING = 4e-15

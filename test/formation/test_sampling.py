@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import batch, measures, rotation, sampling, shapes, stability, topology
 from tetra_ros2.formation.gain import Cosine, Exponential
 from tetra_ros2.formation.simulation import SampledLoop

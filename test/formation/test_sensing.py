@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import Formation, rotation, topology
 from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.formation.gain import Cosine

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import any_gain, assert_close, formations, quaternions
-
 from tetra_ros2.formation import law, measures, rotation, shapes, sphere
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.formation.gain import Cosine, Exponential

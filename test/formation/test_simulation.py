@@ -16,7 +16,6 @@ from strategies import (
     quaternions,
     vectors,
 )
-
 from tetra_ros2.formation import law, measures, rotation, shapes, sphere
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.formation.gain import Cosine, Exponential, KINDS

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import assert_close, formations, quaternions, tangents, unit_vectors, vectors
-
 from tetra_ros2.formation import rotation, sphere
 
 ROUNDING = 2e-15

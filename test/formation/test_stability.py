@@ -7,7 +7,6 @@ import itertools
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import (
     coordinates,
     equilibria,

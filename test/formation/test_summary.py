@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import rotation, shapes, topology
 from tetra_ros2.formation.gain import Cosine
 from tetra_ros2.formation.observer import Observer

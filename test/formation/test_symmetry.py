@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import assert_close, formations
-
 from tetra_ros2.formation import measures, polyhedra, rings, shapes, sphere, symmetry
 from tetra_ros2.formation.symmetry import AdmissibleAngles
 

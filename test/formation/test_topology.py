@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import any_topology
-
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.formation.topology import Topology
 

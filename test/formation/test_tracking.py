@@ -9,7 +9,6 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-
 from tetra_ros2.formation import tracking
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.tracking import Tracker

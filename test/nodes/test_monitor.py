@@ -8,7 +8,6 @@ from node_bench import Bench
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-
 from tetra_ros2.formation import gain
 from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.wire import cdr

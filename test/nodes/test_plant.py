@@ -5,7 +5,6 @@ from geometry_msgs.msg import TwistStamped, Vector3Stamped
 from harness import nanoseconds
 from node_bench import Bench
 import pytest
-
 from tetra_ros2.nodes.plant import Plant
 from tetra_ros2.wire import cdr
 

@@ -11,13 +11,12 @@ import pytest
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
-from visualization_msgs.msg import Marker, MarkerArray
-
 from tetra_ros2.config.configuration import load
 from tetra_ros2.formation import rotation
 from tetra_ros2.formation.simulation import SampledLoop
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.ros.executor import spin_some
+from visualization_msgs.msg import Marker, MarkerArray
 
 pytest.importorskip('mujoco')
 

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from rclpy.node import Node
 from std_srvs.srv import SetBool
-
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError
 from tetra_ros2.formation import tracking
 from tetra_ros2.nodes import poses

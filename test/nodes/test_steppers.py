@@ -8,7 +8,6 @@ from types import SimpleNamespace
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.nodes import lockstep, realtime
 from tetra_ros2.nodes.lockstep import Lockstep, RoundTrip

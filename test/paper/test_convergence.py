@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import law, measures, rotation, shapes
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.paper.runs import NodeRun, slowest_rate

@@ -4,7 +4,6 @@
 """The figures: they are drawn, from runs of the nodes, or nothing is left behind."""
 
 import pytest
-
 from tetra_ros2.cli import main
 from tetra_ros2.paper import figures
 

@@ -6,7 +6,6 @@
 import math
 
 import pytest
-
 from tetra_ros2.paper.registry import equal, negative, same_spectrum, vanishes, worst_of
 
 

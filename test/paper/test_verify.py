@@ -13,7 +13,6 @@ import sys
 
 import numpy as np
 import pytest
-
 from tetra_ros2.cli import main
 from tetra_ros2.formation import (
     controller,

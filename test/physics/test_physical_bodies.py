@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import gain, gimbal, measures, rate_loop, rotation, shapes, simulation
 from tetra_ros2.formation import topology as topologies
 

@@ -11,7 +11,6 @@ import subprocess
 from harness import run
 import pytest
 from rosbags.rosbag2 import Reader
-
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.recording import recover
 from tetra_ros2.recording.bag import Bag

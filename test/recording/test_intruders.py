@@ -15,7 +15,6 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, String
-
 from tetra_ros2.recording.recorder import Recorder
 from tetra_ros2.ros import diagnostics
 from tetra_ros2.wire import names

@@ -12,7 +12,6 @@ import bags
 from harness import run
 import numpy as np
 import pytest
-
 from tetra_ros2.commands import plot
 from tetra_ros2.drawing import picture as drawing
 from tetra_ros2.formation import measures, shapes, topology

@@ -7,7 +7,6 @@ import bags
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Writer
-
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation import rotation, topology
 from tetra_ros2.recording import reader as recording

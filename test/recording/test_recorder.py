@@ -18,13 +18,12 @@ from rclpy.serialization import deserialize_message
 from rosbags.typesys import get_typestore, Stores
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, String
-import yaml
-
 from tetra_ros2 import launcher
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation import measures, shapes
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.recording.recorder import Recorder
+import yaml
 
 EXPECTED = {
     '/clock': 'rosgraph_msgs/msg/Clock',

@@ -16,7 +16,6 @@ from hypothesis import given, HealthCheck, settings, strategies
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
-
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.recording import reader, recover
 from tetra_ros2.recording.bag import Bag

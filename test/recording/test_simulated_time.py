@@ -7,7 +7,6 @@ from contextlib import suppress
 
 from hypothesis import given, strategies
 import pytest
-
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.recording.simulated_time import SILENCE, SimulatedTime, WITNESSES
 

@@ -10,7 +10,6 @@ import sys
 
 from mcap.reader import make_reader
 import pytest
-
 from tetra_ros2.recording.writer import BagError, BagWriter
 
 QOS = (1, 10, 1, 2, 0, 0, 1, 0, False)

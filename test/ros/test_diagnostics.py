@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
 from node_bench import Bench
-
 from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.ros import diagnostics
 

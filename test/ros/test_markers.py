@@ -13,13 +13,12 @@ from harness import nanoseconds
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
-from visualization_msgs.msg import Marker, MarkerArray
-import yaml
-
 from tetra_ros2.drawing import colors
 from tetra_ros2.formation import shapes
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.ros import markers as markers_module
+from visualization_msgs.msg import Marker, MarkerArray
+import yaml
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 

@@ -5,7 +5,6 @@ from geometry_msgs.msg import PoseArray, Vector3Stamped
 from node_bench import Bench
 import pytest
 from rclpy.qos import HistoryPolicy, qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
-
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.wire import cdr

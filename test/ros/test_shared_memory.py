@@ -11,7 +11,6 @@ import sys
 import time
 
 import pytest
-
 from tetra_ros2.ros import shared_memory
 
 NODE = """

@@ -8,7 +8,6 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-
 from tetra_ros2.ros.tf import make_transforms
 
 GAMMA = np.eye(3)

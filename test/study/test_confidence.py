@@ -6,7 +6,6 @@
 import math
 
 import pytest
-
 from tetra_ros2.study.confidence import lower_bound
 
 

@@ -5,7 +5,6 @@
 
 import numpy as np
 import pytest
-
 from tetra_ros2.study.montecarlo import Plan
 
 

@@ -12,7 +12,6 @@ import sys
 
 import numpy as np
 import pytest
-
 from tetra_ros2.cli import main
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.signals import INTERRUPTED

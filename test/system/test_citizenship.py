@@ -7,7 +7,6 @@ from harness import run
 from node_bench import Bench
 import pytest
 from rosgraph_msgs.msg import Clock
-
 from tetra_ros2.config.parameters import PARAMETERS
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.nodes.agent import Agent

@@ -7,12 +7,11 @@ from pathlib import Path
 import re
 
 import pytest
-import yaml
-
 from tetra_ros2.commands import COMMANDS
 from tetra_ros2.config import parameters
 from tetra_ros2.config.configuration import ParameterFile
 from tetra_ros2.formation import gain as gains
+import yaml
 
 TOP = Path(__file__).resolve().parents[2]
 README = (TOP / 'README.md').read_text()

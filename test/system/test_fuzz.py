@@ -27,7 +27,6 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
-
 from tetra_ros2.config.parameters import check_parameters, PARAMETERS
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor

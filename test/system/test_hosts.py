@@ -9,9 +9,8 @@ from multiprocessing import get_context
 import os
 import sys
 
-import pytest
-
 from benchmarks.hosts import Hosts, unavailable
+import pytest
 from tetra_ros2.config import configuration
 
 pytestmark = pytest.mark.skipif(unavailable() is not None, reason=str(unavailable()))

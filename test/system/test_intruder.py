@@ -14,7 +14,6 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor

@@ -13,7 +13,6 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
-
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import measures, rotation, shapes, simulation
 from tetra_ros2.launcher import Launcher
@@ -243,7 +242,6 @@ def test_the_monitor_publishes_cosines_and_error(probe):
 def spin_while(formation, probe, condition, what):
     """Spin a launcher and a probe until a condition holds."""
     from rclpy.task import Future
-
     from tetra_ros2.ros.executor import spin_some
     never = Future(executor=formation.executor)
 

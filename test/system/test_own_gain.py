@@ -12,7 +12,6 @@ from harness import DEADLINE
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-
 from tetra_ros2.config.parameters import ConfigurationError, FORMATION
 from tetra_ros2.formation import Formation, gain, law, rotating
 from tetra_ros2.formation.identify import identify

@@ -12,9 +12,8 @@ from types import ModuleType, SimpleNamespace
 import zipfile
 
 import pytest
-import yaml
-
 from tetra_ros2.config.share import share_directory
+import yaml
 
 TOP = Path(__file__).resolve().parents[2]
 NODES = {'agent', 'plant', 'monitor', 'recorder', 'launcher', 'viewer', 'sensors', 'body'}

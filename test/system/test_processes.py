@@ -15,12 +15,11 @@ from geometry_msgs.msg import TwistStamped
 from harness import DEADLINE, interrupt, nanoseconds, Probe, values
 import numpy as np
 import pytest
-import yaml
-
 from tetra_ros2.config import configuration
 from tetra_ros2.formation import measures, rotation, shapes, simulation
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.ros.executor import SPIN_PERIOD
+import yaml
 
 EXAMPLES = Path(__file__).parents[2] / 'examples'
 

@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 import pytest
-
 from tetra_ros2.cli import main
 from tetra_ros2.commands.design import read_points
 from tetra_ros2.formation import gain as gains

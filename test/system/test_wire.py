@@ -13,7 +13,6 @@ from node_bench import Bench
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.nodes.plant import Plant

@@ -14,12 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 import msgspec
 import pytest
+from tetra_ros2.viewer import door as doors
+from tetra_ros2.viewer import server as servers
 import viser
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
-
-from tetra_ros2.viewer import door as doors
-from tetra_ros2.viewer import server as servers
 
 CAMERA = {'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0.0, 0.0, 0.0], 'position': [3.0, 0.0, 0.0],
           'fov': 1.0, 'near': 0.1, 'far': 100.0, 'image_height': 600, 'image_width': 800,

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tetra_ros2.formation import rotation, shapes, sphere
 from tetra_ros2.viewer.history import History, PERIOD, SAMPLES, WINDOW
 from tetra_ros2.viewer.scene import LONGEST_ARC, TRAIL, trail_segments

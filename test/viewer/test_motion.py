@@ -10,7 +10,6 @@ import time
 from browser import dismiss, has_hue, launch, open_page, pixels, SLOW_FRAMES, until
 import numpy as np
 import pytest
-
 from tetra_ros2.drawing import colors
 from tetra_ros2.formation import rotation, shapes
 from tetra_ros2.viewer import server as servers

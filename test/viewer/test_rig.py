@@ -7,7 +7,6 @@ from collections import Counter
 
 import numpy as np
 import pytest
-
 from tetra_ros2.drawing import geometry
 from tetra_ros2.formation import shapes, sphere
 from tetra_ros2.viewer.rig import CENTER, Rig, TIPS

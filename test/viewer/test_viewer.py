@@ -27,7 +27,6 @@ from harness import DEADLINE, interrupt, Probe, Processes, run, values
 import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters
-
 from tetra_ros2.drawing import colors
 from tetra_ros2.formation import topology
 from tetra_ros2.viewer.scene import MOST_AGENTS

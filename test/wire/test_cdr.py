@@ -14,7 +14,6 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
-
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.wire import cdr
 

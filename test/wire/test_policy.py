@@ -6,7 +6,6 @@
 from pathlib import Path
 
 import pytest
-
 from tetra_ros2.cli import main
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.wire.policy import document, rights

@@ -141,7 +141,6 @@ def analyze(config, *, rate=None, delay=None, noise=1e-3, start=0.1, error=1e-3)
 def _formation(file):
     """Return the formation of a file, if all its agents agree on it."""
     import numpy as np
-
     from tetra_ros2.config.configuration import formation_from_parameters
     from tetra_ros2.config.parameters import ConfigurationError
     formation = file.formation()

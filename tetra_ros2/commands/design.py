@@ -151,7 +151,6 @@ def read_points(name):
     :raises ConfigurationError: if it is no such file
     """
     import numpy as np
-
     from tetra_ros2.config.parameters import ConfigurationError, shown
     from tetra_ros2.formation import sphere
     path = Path(name)
@@ -188,9 +187,8 @@ def read_points(name):
 
 def _structured(text, name):
     """Return the rows of a JSON or YAML document, each with its place."""
-    import yaml
-
     from tetra_ros2.config.parameters import ConfigurationError
+    import yaml
     try:
         document = yaml.safe_load(text)  # JSON is YAML
     except yaml.YAMLError as error:
@@ -209,7 +207,6 @@ def _structured(text, name):
 def _search(arguments, points, gains, say):
     """Return the first design that forms, or the best, with its outcome; and what failed."""
     import numpy as np
-
     from tetra_ros2.formation import design
     spin = None if arguments.spin is None else np.array(arguments.spin)
     best, refusals = None, []
@@ -251,7 +248,6 @@ def _named(gain):
 def _offset(made):
     """Return how far sampling at RATE takes the pairwise angles from those of the points [rad]."""
     import numpy as np
-
     from tetra_ros2.formation import measures, sampling
     if not made.equilibrium.spins:
         return 0.0
@@ -263,7 +259,6 @@ def _offset(made):
 def _figures(made, outcome):
     """Return the figures of a design as plain values."""
     import numpy as np
-
     from tetra_ros2.formation import measures, sampling, targets
     from tetra_ros2.study.confidence import lower_bound
     arguments = (made.points, made.weights, made.gain)
@@ -298,7 +293,6 @@ def _print(figures, made, outcome, refusals, arguments):
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
-
     from tetra_ros2.formation import measures
     table = Table.grid(padding=(0, 2))
 

@@ -16,7 +16,6 @@ from tetra_ros2.config.parameters import ConfigurationError
 
 if TYPE_CHECKING:
     from rich.console import Console
-
     from tetra_ros2.paper.registry import Claim
     from tetra_ros2.paper.verify import Row
 
@@ -51,7 +50,6 @@ def run(arguments: argparse.Namespace) -> int:
     """
     # The claims load most of the library, for which --help need not wait.
     from rich.console import Console
-
     from tetra_ros2.paper.system import SystemUnderTest
     from tetra_ros2.paper.verify import check, select
     if arguments.seed < 0:

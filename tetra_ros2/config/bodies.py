@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-
 from tetra_ros2.config.configuration import (
     formation_from_parameters,
     initial_attitudes,

@@ -15,8 +15,6 @@ import re
 from typing import Any
 
 import numpy as np
-import yaml
-
 from tetra_ros2.config.parameters import (
     check_parameters,
     ConfigurationError,
@@ -31,6 +29,7 @@ from tetra_ros2.formation import Formation, sphere, Topology
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.formation._types import Array
+import yaml
 
 LONGEST_NAMESPACE = 150
 """How long a namespace may be; the names of topics must still fit behind it."""

@@ -11,7 +11,6 @@ as lying behind it.
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 import numpy as np
-
 from tetra_ros2.drawing import colors, geometry, style
 from tetra_ros2.formation import measures
 

@@ -16,10 +16,9 @@ from importlib import import_module
 import re
 from typing import Any, Protocol
 
-import yaml
-
 from tetra_ros2.config.parameters import ConfigurationError, shown
 from tetra_ros2.formation._types import Vector
+import yaml
 
 SHIPPED = {
     'pan_tilt': 'tetra_ros2.drivers.pan_tilt:PanTilt',

@@ -10,7 +10,6 @@ import termios
 from typing import Any
 
 import dynamixel_sdk
-
 from tetra_ros2.drivers import dynamixel
 from tetra_ros2.formation import gimbal
 from tetra_ros2.formation._types import Quaternion, Vector

@@ -6,7 +6,6 @@
 from typing import Any
 
 from geometry_msgs.msg import TwistStamped
-
 from tetra_ros2.formation._types import Vector
 from tetra_ros2.ros import qos
 from tetra_ros2.ros.node import FormationNode

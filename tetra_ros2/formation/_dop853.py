@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-
 from tetra_ros2.formation._types import Array
 
 Rate = Callable[[Array], Array]

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tetra_ros2.formation import sphere
 from tetra_ros2.formation.gain import Gain
 from tetra_ros2.formation.topology import Topology

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import flow, measures, rotation, shapes
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.sensing import delay_in_steps

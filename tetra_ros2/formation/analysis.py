@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import (
     equilibria,
     measures,

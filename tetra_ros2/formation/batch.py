@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tetra_ros2.formation import law, measures, sphere
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Gain

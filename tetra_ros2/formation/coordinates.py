@@ -15,7 +15,6 @@ which tells the two apart unless the four agents are on a small circle.
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import measures, sphere
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Gain

@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import linprog
-
 from tetra_ros2.formation import equilibria, equivalence, law, measures, sphere, stability
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Gain

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tetra_ros2.formation import equivalence, flow, law, measures, polyhedra, sphere
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Gain

@@ -12,7 +12,6 @@ equivalent if such moves take one to the other.
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation.symmetry import isomorphisms, level_indices, Permutation
 
 

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import law, rotation
 from tetra_ros2.formation._dop853 import (
     FIFTH_ERROR,

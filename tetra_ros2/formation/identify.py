@@ -14,7 +14,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import sphere
 from tetra_ros2.formation._types import Array

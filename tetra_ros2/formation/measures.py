@@ -7,7 +7,6 @@ import itertools
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import rotation, sphere
 from tetra_ros2.formation._types import Array
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import measures
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.checks import Rejected, require_unit

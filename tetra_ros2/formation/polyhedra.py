@@ -17,7 +17,6 @@ import itertools
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import sphere
 from tetra_ros2.formation.gain import Gain
 

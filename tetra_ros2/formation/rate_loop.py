@@ -22,7 +22,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tetra_ros2.formation import law, measures, rotation
 from tetra_ros2.formation.gain import Gain
 from tetra_ros2.formation.stability import complement, transverse

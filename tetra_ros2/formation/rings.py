@@ -13,7 +13,6 @@ minds its two neighbours unequally, the star turns in its plane.
 import math
 
 import numpy as np
-
 from tetra_ros2.formation.gain import Gain
 
 

@@ -10,7 +10,6 @@ A quaternion ``q`` stands for the attitude ``R`` that takes body coordinates to 
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import sphere
 from tetra_ros2.formation._types import Array
 

@@ -16,7 +16,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import law, measures, rotation, sphere
 from tetra_ros2.formation._types import Array, Spectrum
 from tetra_ros2.formation.gain import Gain

@@ -12,7 +12,6 @@ from functools import lru_cache
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import law, measures, rotation, sphere, stability
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Cosine, Gain

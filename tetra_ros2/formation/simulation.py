@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import law, rotation
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.bodies import RigidBodies

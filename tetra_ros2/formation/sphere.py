@@ -5,7 +5,6 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation._types import Array
 
 

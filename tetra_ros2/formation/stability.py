@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import coordinates, law, measures, sphere
 from tetra_ros2.formation._types import Array, Spectrum
 from tetra_ros2.formation.gain import Gain

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import measures, shapes
 from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.gain import Gain

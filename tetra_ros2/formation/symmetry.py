@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import measures
 
 MOST_MATRICES = 120

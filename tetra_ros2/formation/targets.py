@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-
 from tetra_ros2.formation import measures, polyhedra, rings, sphere
 from tetra_ros2.formation.shapes import Shape
 from tetra_ros2.formation.topology import Topology

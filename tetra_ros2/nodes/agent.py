@@ -13,7 +13,6 @@ import time
 
 from geometry_msgs.msg import TwistStamped, Vector3Stamped
 from rclpy.duration import Duration
-
 from tetra_ros2.config.configuration import formation_from_parameters, gain_from_parameters
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation.checks import Rejected

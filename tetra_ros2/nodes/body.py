@@ -16,7 +16,6 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from std_srvs.srv import SetBool
-
 from tetra_ros2 import drivers
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.drivers.watchdog import TURNING, WAITING, Watchdog

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import time
 
 from rosgraph_msgs.msg import Clock as ClockMessage
-
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.simulation import period_of
 from tetra_ros2.nodes.stepper import agents_of, Steppable, Stepper, STILL

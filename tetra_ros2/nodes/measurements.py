@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseArray, Vector3Stamped
-
 from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.formation.topology import Topology
 from tetra_ros2.ros import qos

@@ -12,7 +12,6 @@ from geometry_msgs.msg import PoseArray
 import numpy as np
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
-
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.formation import shapes
 from tetra_ros2.formation.checks import Rejected

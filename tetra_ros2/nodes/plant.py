@@ -13,7 +13,6 @@ import secrets
 from geometry_msgs.msg import TwistStamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
-
 from tetra_ros2.config.bodies import check_bodies
 from tetra_ros2.config.configuration import formation_from_parameters, initial_attitudes
 from tetra_ros2.config.parameters import ConfigurationError

@@ -10,7 +10,6 @@ from typing import Any
 from geometry_msgs.msg import PoseArray, PoseStamped
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.serialization import deserialize_message
-
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation._types import Quaternion, Vector
 from tetra_ros2.formation.checks import Rejected

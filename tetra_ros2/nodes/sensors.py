@@ -12,7 +12,6 @@ import time
 from typing import Any
 
 from geometry_msgs.msg import TwistStamped
-
 from tetra_ros2.config.bodies import check_poses
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.formation import rotation

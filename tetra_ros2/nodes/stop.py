@@ -11,7 +11,6 @@ from typing import Any
 from rclpy.context import Context
 from rclpy.node import Node
 from std_srvs.srv import SetBool
-
 from tetra_ros2.ros import executor
 
 PATIENCE = 3.0

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
-
 from tetra_ros2.config.bodies import physics_from_parameters
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation import Formation, rotation

@@ -12,7 +12,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import coordinates, law, measures, shapes, sphere, stability
 from tetra_ros2.formation.gain import Gain
 from tetra_ros2.paper.formations import proof_point, THIRD

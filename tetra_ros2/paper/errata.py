@@ -17,7 +17,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import coordinates, law, measures, rotation, shapes, sphere, stability
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.formation.gain import Gain

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 import numpy as np
-
 from tetra_ros2.drawing import style
 from tetra_ros2.formation import flow, measures, sampling, shapes, stability
 from tetra_ros2.paper.runs import NodeRun, run_nodes, slowest_rate

@@ -4,7 +4,6 @@
 """The formations that the paper speaks of."""
 
 import numpy as np
-
 from tetra_ros2.formation import coordinates, rotation, shapes, stability
 
 THIRD = -1.0 / 3.0

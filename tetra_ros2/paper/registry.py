@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.paper.system import SystemUnderTest
 
 RELATIVE = 1e-9

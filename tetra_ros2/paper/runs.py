@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import measures, sampling
 from tetra_ros2.formation.decay import decay_rate
 from tetra_ros2.formation.gain import Gain

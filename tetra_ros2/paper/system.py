@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-
 from tetra_ros2.formation import equilibria
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.formation.gain import Cosine, Exponential, Gain, Gaussian, Linear, Rational

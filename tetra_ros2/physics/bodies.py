@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tetra_ros2.formation import gimbal, rotation
 from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.physics import models

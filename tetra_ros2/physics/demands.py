@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import Formation, measures, sensing
 from tetra_ros2.formation.analysis import attractor
 from tetra_ros2.formation.rate_loop import min_bandwidth, rate_loop_equilibrium

@@ -15,7 +15,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-
 from tetra_ros2.physics.settings import BodyError, Gimbal, Physics, Wheels
 
 Array = NDArray[np.float64]

@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tetra_ros2.formation import gimbal, rotation
 from tetra_ros2.formation.gimbal import ENDLESS, Limits
 

@@ -8,7 +8,6 @@ from functools import cached_property
 
 from matplotlib.figure import Figure
 import numpy as np
-
 from tetra_ros2.drawing import colors, style
 from tetra_ros2.drawing import picture as drawing
 from tetra_ros2.drawing.theory import recognize, Theory

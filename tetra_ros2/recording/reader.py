@@ -17,7 +17,6 @@ import re
 
 import numpy as np
 from rosbags.rosbag2 import Reader
-
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation import rotation
 from tetra_ros2.formation.checks import Rejected, UNIT_TOLERANCE

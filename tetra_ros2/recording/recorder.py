@@ -20,7 +20,6 @@ import time
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 import rosbags  # noqa: F401, to miss it here and not in the process that writes
-
 from tetra_ros2.config.configuration import check_new
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation.checks import Rejected

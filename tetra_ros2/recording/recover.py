@@ -27,11 +27,10 @@ from rosbags.interfaces import Qos
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
-import yaml
-
 from tetra_ros2.config.configuration import check_new
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.recording.bag import Bag, UNFINISHED
+import yaml
 
 _STORAGES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 _BATCH = 1000

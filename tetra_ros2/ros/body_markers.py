@@ -7,13 +7,12 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from visualization_msgs.msg import Marker, MarkerArray
-
 from tetra_ros2.drawing import colors
 from tetra_ros2.formation._types import Vector
 from tetra_ros2.ros import qos
 from tetra_ros2.ros.markers import color_message, PERIOD, set_lifetime
 from tetra_ros2.wire import names
+from visualization_msgs.msg import Marker, MarkerArray
 
 DISTANCE = 1.25
 """How far from the centre of the sphere a body is shown, along where it points."""

@@ -7,7 +7,6 @@ from collections import Counter
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-
 from tetra_ros2.ros import qos
 from tetra_ros2.wire import names
 

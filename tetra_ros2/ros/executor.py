@@ -12,7 +12,6 @@ from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.task import Future
-
 from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.ros import shared_memory

@@ -10,11 +10,10 @@ from geometry_msgs.msg import Point
 import numpy as np
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker, MarkerArray
-
 from tetra_ros2.drawing import colors, geometry
 from tetra_ros2.ros import qos
 from tetra_ros2.wire import names
+from visualization_msgs.msg import Marker, MarkerArray
 
 PERIOD = 1.0 / 30.0
 """How often to publish [s], on a clock that runs even when formation time does not."""

@@ -13,7 +13,6 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.parameter import Parameter
-
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, PARAMETERS
 from tetra_ros2.formation import gain as gains
 

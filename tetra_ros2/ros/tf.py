@@ -9,7 +9,6 @@ from typing import Any
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.time import Time
-
 from tetra_ros2.formation._types import Array
 from tetra_ros2.wire import names
 

@@ -20,13 +20,12 @@ import shutil
 from typing import Any
 
 import numpy as np
-import yaml
-
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError
 from tetra_ros2.formation import batch, Formation, measures, rotation, shapes
 from tetra_ros2.formation.simulation import sample_time
 from tetra_ros2.study.confidence import lower_bound
+import yaml
 
 CHUNK = 5000
 """Starts per task: some seconds of work, so that an interrupt costs no more than that."""

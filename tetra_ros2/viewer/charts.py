@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-import viser
-from viser import uplot
-
 from tetra_ros2.drawing import colors
 from tetra_ros2.formation import measures, shapes
+import viser
+from viser import uplot
 
 FLOOR = 1e-16
 LINEAR = 0.1

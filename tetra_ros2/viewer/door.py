@@ -25,12 +25,11 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import msgspec
+from tetra_ros2.config.parameters import ConfigurationError
 import websockets.asyncio.server
 from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
-
-from tetra_ros2.config.parameters import ConfigurationError
 
 TITLE = 'tetra_ros2'
 

@@ -10,7 +10,6 @@ import io
 from pathlib import Path
 
 import numpy as np
-
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.recording.reader import Recording
 from tetra_ros2.viewer.door import titled

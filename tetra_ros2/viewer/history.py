@@ -7,7 +7,6 @@ from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tetra_ros2.drawing import geometry
 
 WINDOW = 30.0

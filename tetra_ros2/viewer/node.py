@@ -26,8 +26,6 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool, Trigger
-from visualization_msgs.msg import MarkerArray
-
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, FORMATION
 from tetra_ros2.drawing.theory import Theory
@@ -41,6 +39,7 @@ from tetra_ros2.viewer.panel import Controls, FRAME_PERIOD, Page
 from tetra_ros2.viewer.scene import MOST_AGENTS
 from tetra_ros2.viewer.server import serve, stop
 from tetra_ros2.wire import cdr, names
+from visualization_msgs.msg import MarkerArray
 
 LATEST = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

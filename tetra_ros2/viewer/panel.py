@@ -8,14 +8,13 @@ import time
 from typing import Any
 
 import numpy as np
-import viser
-
 from tetra_ros2.drawing import colors
 from tetra_ros2.drawing.theory import table, Theory
 from tetra_ros2.viewer.charts import Charts, MOST_VALUES
 from tetra_ros2.viewer.history import History
 from tetra_ros2.viewer.scene import CAMERA, Edge, FIELD_OF_VIEW, MOST_AGENTS, Scene
 from tetra_ros2.viewer.server import Server
+import viser
 
 FRAME_PERIOD = 1.0 / 30.0
 """How often the scene is drawn [s]."""

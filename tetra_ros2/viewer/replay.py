@@ -9,7 +9,6 @@ import threading
 import time
 
 import numpy as np
-
 from tetra_ros2 import signals
 from tetra_ros2.drawing.theory import recognize, Theory
 from tetra_ros2.recording import reader as recording

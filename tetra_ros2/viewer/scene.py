@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-import viser
-
 from tetra_ros2.drawing import colors, geometry
 from tetra_ros2.viewer.rig import CENTER, Rig
+import viser
 
 BACKGROUND = np.array([255.0, 255.0, 255.0])
 TRAIL = 60

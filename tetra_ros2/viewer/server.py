@@ -9,10 +9,9 @@ import logging
 import socket
 from typing import Any
 
-import viser
-
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.viewer.door import Door, guard, is_loopback, TITLE
+import viser
 
 
 class Server(viser.ViserServer):

@@ -4,7 +4,6 @@
 """Checks that the claims of several sections share."""
 
 import numpy as np
-
 from tetra_ros2.formation import batch, shapes, sphere, stability
 from tetra_ros2.paper.registry import equal, Result
 from tetra_ros2.paper.runs import slowest_rate

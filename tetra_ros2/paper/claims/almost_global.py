@@ -8,7 +8,6 @@ import itertools
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import coordinates, equilibria, law, measures, sphere
 from tetra_ros2.formation.gain import Gain
 from tetra_ros2.paper.claims._common import starts_that_form

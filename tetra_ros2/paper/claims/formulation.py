@@ -7,7 +7,6 @@ import itertools
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import bodies, controller, coordinates, law, rotation, sphere
 from tetra_ros2.paper.formations import THIRD
 from tetra_ros2.paper.registry import claim, Result, vanishes

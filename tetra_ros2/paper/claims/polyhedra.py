@@ -12,7 +12,6 @@ import itertools
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import (
     batch,
     law,

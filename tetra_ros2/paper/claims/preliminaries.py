@@ -6,7 +6,6 @@
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import rotation, sphere
 from tetra_ros2.paper.registry import claim, Result, vanishes
 from tetra_ros2.paper.system import SystemUnderTest

@@ -11,7 +11,6 @@ against an integration on the sphere that knows nothing of body frames.
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import law, measures, rate_loop, sphere, stability
 from tetra_ros2.formation.gain import Gain
 from tetra_ros2.paper.formations import TETRAHEDRON

@@ -7,7 +7,6 @@ import itertools
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import coordinates, law, measures, shapes, sphere, stability
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.paper.claims._common import rate_of_run

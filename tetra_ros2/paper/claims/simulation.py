@@ -6,7 +6,6 @@
 import math
 
 import numpy as np
-
 from tetra_ros2.formation import measures, shapes
 from tetra_ros2.paper.claims._common import starts_that_form
 from tetra_ros2.paper.registry import claim, equal, Result, vanishes

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from tetra_ros2.formation import flow, law, shapes, sphere, stability
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.paper.claims._common import rate_of_run

@@ -4,7 +4,6 @@
 """Section 4.2: the coordinates xi, and the closed loop in them."""
 
 import numpy as np
-
 from tetra_ros2.formation import coordinates, measures, rotation, sphere, stability
 from tetra_ros2.paper.claims.preliminaries import lambda_matrix
 from tetra_ros2.paper.differences import cosine_matrix_of, cosine_rates, derivative
