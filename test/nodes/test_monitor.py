@@ -76,3 +76,10 @@ def test_an_unknown_shape_is_at_rest_measured_by_what_the_law_can_command(probe,
                gain__a=0.7) as bench:
         assert bench.node.observer.fastest == pytest.approx(
             largest * float(gain.Cosine(0.7).f(0.0)))
+
+
+def test_a_gain_that_is_changed_while_it_runs_changes_the_scale_of_what_is_at_rest(probe):
+    with Bench(probe, Monitor) as bench:
+        before = bench.node.observer.fastest
+        bench.node.set_parameters([Parameter('gain.a', value=2.5)])
+        assert bench.node.observer.fastest == pytest.approx(2.5 * before)
