@@ -20,6 +20,12 @@ SHORTEST_PATIENCE = 4e-3
 LENGTHENING = 1.05
 """By how much the patience grows with each answer that was taken for lost and came."""
 
+WATCH_PERIOD = 20e-3
+"""How often to look whether anything was lost [s], where nothing is: looking costs."""
+
+ALERT = 1.0
+"""For how long to look more often after something was lost [s]."""
+
 OFTEN = 100
 """How often they are repeated in a step before that happens once in ``republish_period`` only."""
 
@@ -93,7 +99,7 @@ class Lockstep(Stepper):
         self._round_trip = RoundTrip()
         self._repeated = 0  # how often this step was repeated
         self._repeated_at = 0.0
-        self._watchdog = self._pacer = None
+        self._watchdog = self._rapid = self._pacer = None
         self._send_time = raw_publish(
             plant.offer(ClockMessage, names.CLOCK, qos.NEWEST, exclusive=True))
 
@@ -107,7 +113,7 @@ class Lockstep(Stepper):
                 if values['duration'] else None
             self._longest = values['republish_period']
             self._watchdog = self._plant.create_steady_timer(
-                min(0.5 * SHORTEST_PATIENCE, self._longest), self._on_watchdog)
+                min(WATCH_PERIOD, self._longest), self._on_watchdog)
         # With nobody to wait for, something else must set the pace.
         factor = values['real_time_factor'] or (0.0 if self._everybody else 100.0)
         pace = self._h / factor if factor else None
@@ -198,6 +204,16 @@ class Lockstep(Stepper):
         self._advance()
 
     def _on_watchdog(self):
+        """Look after the step at hand, and more often for a while once something was lost."""
+        self._look()
+        losing = time.monotonic() - self._repeated_at < ALERT
+        if losing and self._rapid is None:
+            self._rapid = self._plant.create_steady_timer(0.5 * SHORTEST_PATIENCE, self._look)
+        elif not losing and self._rapid is not None:
+            self._plant.destroy_timer(self._rapid)
+            self._rapid = None
+
+    def _look(self):
         """Repeat the measurements, or give up on those who do not answer."""
         now = time.monotonic()
         waited = now - self._waiting_since
