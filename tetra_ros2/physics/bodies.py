@@ -9,6 +9,7 @@ rate, held for a time. Inside of that, physics and rate loop take steps of their
 pure function of start, commands and seed, to the last bit.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -68,7 +69,7 @@ class Joints:
     efforts: tuple[float, ...]
 
 
-class PhysicalBodies(RigidBodies):
+class PhysicalBodies(RigidBodies, ABC):
     """
     What floating bodies and gimbals have in common.
 
@@ -100,23 +101,25 @@ class PhysicalBodies(RigidBodies):
         self._controls = self._data.ctrl.reshape(n, -1)
         super().__init__(self._place(np.array(attitudes, dtype=float)), self._axes)
 
+    @abstractmethod
     def _place(self, attitudes: Array) -> Array:
         """Put the bodies where they start, at rest; return the attitudes that they then have."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _substep(self, commands: Array, dt: float) -> None:
         """Set the motors, and let physics take one step."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _attitudes(self) -> Array:
-        raise NotImplementedError
+        """Return the attitudes as of now."""
 
+    @abstractmethod
     def _saturation(self) -> list[tuple[str, ...]]:
         """Return for each body what was at its limit since :meth:`_forget`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _forget(self) -> None:
-        raise NotImplementedError
+        """Begin to note anew what is at its limit."""
 
     def step(self, h: float, rates: Sequence[Sequence[float]]) -> None:
         """
@@ -145,9 +148,9 @@ class PhysicalBodies(RigidBodies):
             rates = rates + noise * self._random.standard_normal(rates.shape)
         return rates + self._bias
 
+    @abstractmethod
     def joints(self, i: int) -> Joints:
         """Return the joints of body i, counted from 0."""
-        raise NotImplementedError
 
     def parts(self) -> list[Part]:
         """Return what the bodies look like, as of now."""
