@@ -7,11 +7,21 @@ The formation against what there is to compare with, side by side.
 What is measured and how stands in :mod:`benchmarks.rows`.
 """
 
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
 import json
 import math
 import os
 from pathlib import Path
+import platform
+from statistics import median
+import subprocess
 import time
+
+from benchmarks.rows import all_rows, Bench, may_have_priority, OTHERS, Scale, THOROUGH, TOP
+from rich.console import Console
+from rich.table import Table
+from tetra_ros2.config.parameters import ConfigurationError, nearest
 
 QUIET = 0.1
 """How many cores other processes may use before it is worth a word."""
@@ -47,8 +57,6 @@ def run(arguments):
     :returns: 0 if every target is met, 1 if one is missed
     :raises ConfigurationError: if it was called wrongly
     """
-    from benchmarks.rows import all_rows, Bench, may_have_priority
-    from tetra_ros2.config.parameters import ConfigurationError, nearest
     rows = all_rows()
     if arguments.list:
         for row in rows:
@@ -80,10 +88,6 @@ def run(arguments):
 
 
 def _scale(arguments):
-    from dataclasses import replace
-
-    from benchmarks.rows import Scale, THOROUGH
-    from tetra_ros2.config.parameters import ConfigurationError
     scale = THOROUGH if arguments.thorough else Scale()
     if (seconds := arguments.seconds) is not None:
         if not 0.0 < seconds < 1e5:
@@ -102,8 +106,6 @@ def _scale(arguments):
 
 
 def _machine():
-    import platform
-
     def model():
         try:
             lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
@@ -116,11 +118,6 @@ def _machine():
 
 
 def _versions():
-    from importlib.metadata import PackageNotFoundError, version
-    import platform
-    import subprocess
-
-    from benchmarks.rows import TOP
     versions = {'python': platform.python_version()}
     for package in ('tetra_ros2', 'rclpy', 'numpy', 'numba', 'scipy', 'rosbags'):
         try:
@@ -142,7 +139,6 @@ def _finite(value):
 
 
 def _read(file):
-    from tetra_ros2.config.parameters import ConfigurationError
     try:
         document = json.loads(Path(file).read_text(encoding='utf-8'))
         _cells_of(document)
@@ -181,8 +177,6 @@ def _print(document, markdown=False):
 
 
 def _print_table(rows):
-    from rich.console import Console
-    from rich.table import Table
     console = Console()
     if not console.is_terminal:
         console = Console(width=160)
@@ -209,9 +203,6 @@ def _cells_of(document):
 
 def _others(rows):
     """Return how many cores other processes used while the rows were measured, the median."""
-    from statistics import median
-
-    from benchmarks.rows import OTHERS
     cores = [figures[OTHERS] for row in rows for runs in row['details'].values()
              for figures in runs if figures is not None]
     return median(cores) if cores else 0.0
@@ -219,7 +210,6 @@ def _others(rows):
 
 def _by_processor_time(rows):
     """Return the medians of lockstep in one process, of which other processes take nothing."""
-    from statistics import median
     found, field = [], 'rounds/core s'
     for row in rows:
         if row['name'] in ('objects', 'ceiling', 'watched'):
@@ -232,16 +222,14 @@ def _by_processor_time(rows):
 
 
 def _cells(row):
-    from statistics import median as middle_of
-
     def middle(values):
         values = [v for v in values or () if v is not None]
-        return f'{_short(middle_of(values))} {row["unit"]}'.strip() if values else ''
+        return f'{_short(median(values))} {row["unit"]}'.strip() if values else ''
 
-    median, middle_half = row['median'], row['middle'] if len(row['values']) > 1 else ()
+    center, middle_half = row['median'], row['middle'] if len(row['values']) > 1 else ()
     verdict = 'met' if row['target'] else ''
     return (row['name'], row['work'], middle(row['measured']), row['against'],
-            middle(row['reference']), '-' if median is None else _short(median),
+            middle(row['reference']), '-' if center is None else _short(center),
             ' .. '.join(map(_short, middle_half)), row['target'],
             verdict if row['met'] else 'MISSED')
 

@@ -16,8 +16,12 @@ import subprocess
 import sys
 import time
 
+from geometry_msgs.msg import PoseArray
 import mujoco
 import numpy as np
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from tetra_ros2.formation import gain, measures, rate_loop, rotation, shapes, topology
 from tetra_ros2.formation.simulation import SampledLoop
 from tetra_ros2.physics.bodies import make_bodies
@@ -179,10 +183,6 @@ def speed():
 
 def schedule(seconds=30.0):
     """Run plant, agents and monitor in six processes at 100 Hz in real time."""
-    from geometry_msgs.msg import PoseArray
-    from rclpy.context import Context
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.node import Node
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     lines = []
     for body in ('kinematic', 'wheels', 'gimbal'):

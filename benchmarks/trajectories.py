@@ -14,6 +14,9 @@ import os
 import time
 
 import numpy as np
+from scipy.integrate import solve_ivp
+from tetra_ros2.formation import flow
+from tetra_ros2.formation.gain import Cosine
 
 ERROR = 1e-6
 DURATION = 10.0
@@ -49,7 +52,6 @@ def velocity(gamma):
 
 def scipy(gamma, tolerance):
     """Follow each start with DOP853."""
-    from scipy.integrate import solve_ivp
     ends = [solve_ivp(velocity_of_one, (0.0, DURATION), start.ravel(), method='DOP853',
                       rtol=tolerance, atol=tolerance).y[:, -1] for start in gamma]
     return np.reshape(ends, (-1, 4, 3))
@@ -70,8 +72,6 @@ def numpy(gamma, steps):
 
 def tetra(gamma, tolerance, threads=1):
     """Follow all starts with the package's own kernel."""
-    from tetra_ros2.formation import flow
-    from tetra_ros2.formation.gain import Cosine
     return flow.run(gamma, WEIGHTS, Cosine(), DURATION, tolerance, threads)
 
 

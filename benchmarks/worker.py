@@ -10,6 +10,9 @@ standard input for how long [s] to run, and in real time at what rate [Hz], runs
 JSON about it, and rests until the next. What is measured once prints its line and ends. What is
 only there to be measured from outside, an agent or a monitor of a baseline, or a bare node, prints
 an empty line when it is ready and runs until SIGINT.
+
+Each role imports what it needs when it begins: the memory of a process and the time that it takes
+to start are among what is measured.
 """
 
 import argparse

@@ -175,14 +175,14 @@ class Launcher:
         if names.PLANT not in self._without:
             self.plant = self._add(Plant, 'plant', start=False)
         if self._view is not None:
-            from tetra_ros2.viewer.node import Viewer
+            from tetra_ros2.viewer.node import Viewer  # viser is optional, and slow to load
             host, port, read_only = (*self._view, False)[:3]
             # It gets the states from the monitor: one subscription more would slow the steps.
             self.viewer = self._add(
                 Viewer, None, watch=self.monitor.watch, host=host, port=port, read_only=read_only)
         self._discover()
         if self._recording:
-            from tetra_ros2.recording.recorder import Recorder
+            from tetra_ros2.recording.recorder import Recorder  # rosbags is optional
             # In lockstep the recording is as reproducible as the run if it goes by its time.
             lockstep = self.plant is not None and self.plant.mode == 'lockstep'
             self.recorder = self._add(Recorder, 'recorder', sim_time=lockstep)

@@ -7,7 +7,16 @@ from dataclasses import asdict
 import json
 import math
 
-# The rest is imported where it is needed: ``--help`` does not wait for numpy and rich.
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+from tetra_ros2.config import configuration
+from tetra_ros2.config.bodies import physics_from_parameters
+from tetra_ros2.config.configuration import formation_from_parameters
+from tetra_ros2.config.parameters import check_parameters, ConfigurationError
+from tetra_ros2.formation.analysis import NotAnalyzable
+from tetra_ros2.physics.demands import demands
 
 
 def add_arguments(parser):
@@ -46,7 +55,6 @@ def run(arguments):
     :returns: 0; 1 if the loop is not stable at the rate and delay asked for
     :raises ConfigurationError: if it cannot be analysed
     """
-    from tetra_ros2.config.parameters import ConfigurationError
     for name in ('rate', 'noise', 'start', 'error', 'bandwidth'):
         value = getattr(arguments, name)
         if value is not None and not 0.0 < value < 1e9:
@@ -85,9 +93,6 @@ def analyze_bodies(config, *, rate=None, delay=None, body=None, bandwidth=None):
     :returns: a :class:`~tetra_ros2.physics.demands.Demands`; None for kinematic bodies
     :raises ConfigurationError: if it cannot be analysed
     """
-    from tetra_ros2.config import configuration
-    from tetra_ros2.config.bodies import physics_from_parameters
-    from tetra_ros2.config.parameters import check_parameters
     file = configuration.load(config)
     values = file.values('plant')
     given = {'body': body, 'rate_loop.bandwidth': bandwidth}
@@ -98,7 +103,6 @@ def analyze_bodies(config, *, rate=None, delay=None, body=None, bandwidth=None):
         physics = physics_from_parameters(values, formation.n)
         if physics is None:
             return None
-        from tetra_ros2.physics.demands import demands
         return demands(formation, physics,
                        rate=values['rate'] if rate is None else rate,
                        delay=values['measurement_delay'] if delay is None else delay)
@@ -119,8 +123,6 @@ def analyze(config, *, rate=None, delay=None, noise=1e-3, start=0.1, error=1e-3)
     :returns: an :class:`~tetra_ros2.formation.Analysis`
     :raises ConfigurationError: if it cannot be analysed
     """
-    from tetra_ros2.config import configuration
-    from tetra_ros2.formation.analysis import NotAnalyzable
     file = configuration.load(config)
     try:
         formation, values = _formation(file), file.values('plant')
@@ -140,9 +142,6 @@ def analyze(config, *, rate=None, delay=None, noise=1e-3, start=0.1, error=1e-3)
 
 def _formation(file):
     """Return the formation of a file, if all its agents agree on it."""
-    import numpy as np
-    from tetra_ros2.config.configuration import formation_from_parameters
-    from tetra_ros2.config.parameters import ConfigurationError
     formation = file.formation()
     for i in range(1, formation.n + 1):
         own = formation_from_parameters(file.values('agent', f'/agent_{i}'))
@@ -155,9 +154,6 @@ def _formation(file):
 
 
 def _print(a, arguments, bodies):
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
     table = Table.grid(padding=(0, 2))
 
     def row(caption, text):

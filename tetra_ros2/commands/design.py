@@ -9,6 +9,25 @@ import math
 from pathlib import Path
 import sys
 
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+from tetra_ros2.config.configuration import check_new
+from tetra_ros2.config.parameters import ConfigurationError, nearest, shown
+from tetra_ros2.formation import (
+    equilibria,
+    measures,
+    polyhedra,
+    sampling,
+    sphere,
+    targets,
+)
+from tetra_ros2.formation.gain import KINDS
+from tetra_ros2.formation.topology import POLYHEDRA
+from tetra_ros2.study.confidence import lower_bound
+import yaml
+
 GAINS = (('exponential', 1.0), ('rational', 1.0), ('cosine', 1.0), ('gaussian', 0.5),
          ('linear', 0.8))
 """The gains that are tried one after the other where none is asked for, with their b."""
@@ -26,7 +45,6 @@ TOLERANCE = 1e-3
 
 def add_arguments(parser):
     """Add the arguments of ``tetra design``."""
-    from tetra_ros2.formation.topology import POLYHEDRA
     goal = parser.add_mutually_exclusive_group(required=True)
     goal.add_argument(
         '--polyhedron', metavar='NAME', help=f'the formation is a solid: {", ".join(POLYHEDRA)}')
@@ -65,9 +83,6 @@ def run(arguments):
     :returns: 0; 1 if there are no such weights, or no stable ones were found
     :raises ConfigurationError: if it was called wrongly
     """
-    from tetra_ros2.config.configuration import check_new
-    from tetra_ros2.config.parameters import ConfigurationError, nearest
-    from tetra_ros2.formation.topology import POLYHEDRA
     for name, low, high in (('starts', 1, 10**6), ('seed', 0, 2**53), ('max_degree', 1, 1000)):
         value = getattr(arguments, name)
         if value is not None and not low <= value <= high:
@@ -88,9 +103,8 @@ def run(arguments):
     if arguments.out is not None:
         check_new(arguments.out)
     gains = _gains(arguments)
-    import scipy  # noqa: F401, so that its absence is told before anything else is
+    from tetra_ros2.formation import design  # wants SciPy, without which --help works
     points, source = _points(arguments)
-    from tetra_ros2.formation import design
     try:
         design.check_points(points, arguments.visible)
     except design.DesignError as error:
@@ -115,18 +129,16 @@ def run(arguments):
 
 def _gains(arguments):
     """Return the gains to try."""
-    from tetra_ros2.config.parameters import ConfigurationError, nearest
-    from tetra_ros2.formation import gain
     if arguments.gain is None:
         if arguments.gain_b is not None:
             raise ConfigurationError('say --gain as well', key='--gain-b')
-        return [gain.KINDS[kind](1.0, b) for kind, b in GAINS]
-    if arguments.gain not in gain.KINDS:
+        return [KINDS[kind](1.0, b) for kind, b in GAINS]
+    if arguments.gain not in KINDS:
         raise ConfigurationError(
-            f'{arguments.gain!r} is not valid{nearest(arguments.gain, gain.KINDS)}, expected one '
-            f'of {", ".join(gain.KINDS)}', key='--gain')
+            f'{arguments.gain!r} is not valid{nearest(arguments.gain, KINDS)}, expected one '
+            f'of {", ".join(KINDS)}', key='--gain')
     try:
-        return [gain.KINDS[arguments.gain](
+        return [KINDS[arguments.gain](
             1.0, 1.0 if arguments.gain_b is None else arguments.gain_b)]
     except ValueError as error:
         raise ConfigurationError(str(error), key='--gain-b') from None
@@ -134,7 +146,6 @@ def _gains(arguments):
 
 def _points(arguments):
     """Return the directions, unit vectors ``(n, 3)``, and where they are from."""
-    from tetra_ros2.formation import polyhedra
     if arguments.polyhedron is not None:
         return polyhedra.SOLIDS[arguments.polyhedron], '--polyhedron'
     return read_points(arguments.points), arguments.points
@@ -150,9 +161,6 @@ def read_points(name):
     :param name: the file
     :raises ConfigurationError: if it is no such file
     """
-    import numpy as np
-    from tetra_ros2.config.parameters import ConfigurationError, shown
-    from tetra_ros2.formation import sphere
     path = Path(name)
     try:
         text = path.read_text(encoding='utf-8')
@@ -187,8 +195,6 @@ def read_points(name):
 
 def _structured(text, name):
     """Return the rows of a JSON or YAML document, each with its place."""
-    from tetra_ros2.config.parameters import ConfigurationError
-    import yaml
     try:
         document = yaml.safe_load(text)  # JSON is YAML
     except yaml.YAMLError as error:
@@ -206,8 +212,7 @@ def _structured(text, name):
 
 def _search(arguments, points, gains, say):
     """Return the first design that forms, or the best, with its outcome; and what failed."""
-    import numpy as np
-    from tetra_ros2.formation import design
+    from tetra_ros2.formation import design  # as above
     spin = None if arguments.spin is None else np.array(arguments.spin)
     best, refusals = None, []
     for gain in gains:
@@ -231,7 +236,6 @@ def _search(arguments, points, gains, say):
 @contextmanager
 def _patience(arguments):
     """Yield a function that says on a terminal what is being done."""
-    from rich.console import Console
     console = Console(stderr=True)
     if arguments.json or not console.is_terminal:
         yield lambda text: None
@@ -247,8 +251,6 @@ def _named(gain):
 
 def _offset(made):
     """Return how far sampling at RATE takes the pairwise angles from those of the points [rad]."""
-    import numpy as np
-    from tetra_ros2.formation import measures, sampling
     if not made.equilibrium.spins:
         return 0.0
     there = sampling.sampled_equilibrium(made.points, made.weights, made.gain, 1.0 / RATE)
@@ -258,9 +260,6 @@ def _offset(made):
 
 def _figures(made, outcome):
     """Return the figures of a design as plain values."""
-    import numpy as np
-    from tetra_ros2.formation import measures, sampling, targets
-    from tetra_ros2.study.confidence import lower_bound
     arguments = (made.points, made.weights, made.gain)
     there = made.equilibrium
     spins = there.spins
@@ -289,11 +288,6 @@ def _figures(made, outcome):
 
 
 def _print(figures, made, outcome, refusals, arguments):
-    import numpy as np
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-    from tetra_ros2.formation import measures
     table = Table.grid(padding=(0, 2))
 
     def row(caption, text):
@@ -332,14 +326,12 @@ def _print(figures, made, outcome, refusals, arguments):
 
 def _what(gamma):
     """Return in words what shape a formation has."""
-    from tetra_ros2.formation import equilibria, targets
     name = targets.name(gamma)
     return equilibria.classify(gamma) if name.startswith('formation') else name
 
 
 def _configuration(made, offset, arguments):
     """Return the text of a configuration that runs the design."""
-    import yaml
     edges = [f'{i + 1} {j + 1} {made.weights[i, j]:.12g}'
              for i in range(len(made.points)) for j in range(len(made.points))
              if made.weights[i, j]]

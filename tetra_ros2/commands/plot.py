@@ -4,7 +4,12 @@
 """``tetra plot``: the figures of a recording."""
 
 from contextlib import nullcontext
+from pathlib import Path
 import sys
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from tetra_ros2.config.parameters import ConfigurationError
 
 FIGURES = ('sphere', 'components', 'cosines', 'error', 'rates', 'timing')
 FORMATS = ('png', 'svg', 'pdf')
@@ -41,11 +46,8 @@ def run(arguments):
     :returns: 0
     :raises ConfigurationError: if the recording cannot be read, or nowhere be written to
     """
-    import matplotlib
+    import matplotlib  # optional, as what the next three want
     matplotlib.use('Agg')
-    from pathlib import Path
-
-    from tetra_ros2.config.parameters import ConfigurationError
     from tetra_ros2.drawing import picture as drawing
     from tetra_ros2.recording import plot as figures
     from tetra_ros2.recording import reader as recording
@@ -92,8 +94,6 @@ def run(arguments):
 
 def _progress():
     """Return a context that gives a function to show progress with, on a terminal only."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
     console = Console(stderr=True)
     if not console.is_terminal:
         return nullcontext(lambda _what, _part: None)

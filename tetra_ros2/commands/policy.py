@@ -8,6 +8,9 @@ from pathlib import Path
 import sys
 
 from tetra_ros2.commands import _arguments
+from tetra_ros2.config import configuration
+from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.wire.policy import document, rights
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,9 +29,6 @@ def run(arguments: argparse.Namespace) -> int:
     :raises ConfigurationError: if the configuration is not valid or the file cannot be written
     """
     # These load numpy and PyYAML, for which `--help` need not wait.
-    from tetra_ros2.config import configuration
-    from tetra_ros2.config.parameters import ConfigurationError
-    from tetra_ros2.wire.policy import document, rights
     namespace = configuration.check_namespace(arguments.namespace)
     if namespace and not namespace.startswith('/'):
         namespace = f'/{namespace}'

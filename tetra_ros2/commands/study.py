@@ -9,9 +9,22 @@ import math
 from pathlib import Path
 import sys
 
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+from rich.text import Text
 from tetra_ros2 import installation, signals
-
-# The rest is imported where it is needed: ``--help`` does not wait for numpy and rich.
+from tetra_ros2.config import configuration
+from tetra_ros2.config.parameters import ConfigurationError, FORMATION
+from tetra_ros2.formation.shapes import known_shape
+from tetra_ros2.study import executors, montecarlo
 
 
 def add_arguments(parser):
@@ -64,7 +77,6 @@ def run(arguments):
     :returns: 0 if every start formed, 1 if one did not, 130 if it was interrupted
     :raises ConfigurationError: if it was called wrongly; nothing was written then
     """
-    from tetra_ros2.study import executors, montecarlo
     plan = make_plan(arguments)
     directory = Path(arguments.out)
     form = _format(arguments)
@@ -94,10 +106,6 @@ def make_plan(arguments):
 
     :raises ConfigurationError: if one is not valid
     """
-    from tetra_ros2.config import configuration
-    from tetra_ros2.config.parameters import ConfigurationError, FORMATION
-    from tetra_ros2.formation.shapes import known_shape
-    from tetra_ros2.study import montecarlo
     for name, least in (('starts', 1), ('seed', 0), ('worst', 0), ('workers', 1)):
         value = getattr(arguments, name)
         if value is not None and not least <= value < 2**53:
@@ -134,7 +142,6 @@ def make_plan(arguments):
 
 def _format(arguments):
     """Return the format of the results, after looking whether it can be written."""
-    from tetra_ros2.config.parameters import ConfigurationError
     try:
         import pyarrow  # noqa: F401
     except ModuleNotFoundError:
@@ -149,15 +156,6 @@ def _format(arguments):
 @contextmanager
 def _progress(total, done, quiet):
     """Yield a function to call when a part is done; on a terminal it moves a bar."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield lambda: None
@@ -170,9 +168,6 @@ def _progress(total, done, quiet):
 
 
 def _print(summary, directory):
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
     console = Console(width=None if sys.stdout.isatty() else 120)
     table = Table()
     table.add_column('case')

@@ -12,6 +12,9 @@ import math
 import textwrap
 from typing import Any, TYPE_CHECKING
 
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 from tetra_ros2.config.parameters import ConfigurationError
 
 if TYPE_CHECKING:
@@ -48,8 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     :returns: 0 if every claim holds, 1 if one does not
     :raises ConfigurationError: for an unknown claim; nothing has been checked then
     """
-    # The claims load most of the library, for which --help need not wait.
-    from rich.console import Console
+    # The claims want SciPy, and load most of the library: --help works without, and at once.
     from tetra_ros2.paper.system import SystemUnderTest
     from tetra_ros2.paper.verify import check, select
     if arguments.seed < 0:
@@ -77,7 +79,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _progress(count: int, wanted: bool) -> Callable[[Claim | None], None]:
     """Return a function that shows on a terminal what is being checked."""
-    from rich.console import Console
     console = Console(stderr=True)
     if not (wanted and console.is_terminal):
         return lambda claim: None
@@ -98,7 +99,6 @@ def _shown(value: float | str) -> str:
 
 
 def _print(console: Console, rows: list[Row]) -> None:
-    from rich.text import Text
     (_print_table if console.width >= WIDE else _print_paragraphs)(console, rows)
     failed = [row.claim.key for row in rows if not row.result.passed]
     elapsed = sum(row.seconds for row in rows)
@@ -107,7 +107,6 @@ def _print(console: Console, rows: list[Row]) -> None:
 
 
 def _verdict(row: Row) -> Any:
-    from rich.text import Text
     return Text('holds', 'green') if row.result.passed else Text('FAILS', 'bold red')
 
 
@@ -116,8 +115,6 @@ def _how(row: Row) -> str:
 
 
 def _print_table(console: Console, rows: list[Row]) -> None:
-    from rich.table import Table
-    from rich.text import Text
     table = Table(show_lines=True)
     for heading, ratio in (('claim', 3), ('says', 5), ('checked by', 4)):
         table.add_column(heading, overflow='fold', ratio=ratio)
@@ -143,7 +140,6 @@ def _print_paragraphs(console: Console, rows: list[Row]) -> None:
 
 def _paragraph(console: Console, key: str, label: str, lines: list[str],
                verdict: Any = '') -> None:
-    from rich.text import Text
     console.print(
         Text.assemble(verdict, ' ' if verdict else '', (key, 'bold'), f'  ({label})'))
     for line in lines:

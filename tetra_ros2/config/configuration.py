@@ -110,7 +110,7 @@ def _topology(values: Mapping[str, Any]) -> Topology:
     points = values.get('topology.points', ())  # only who watches has them
     if not points:
         return topology
-    from tetra_ros2.formation import targets
+    from tetra_ros2.formation import targets  # as above
     try:
         return targets.given(topology, targets.directions(points))
     except ValueError as error:
@@ -134,7 +134,7 @@ def _refuse_foreign(values: Mapping[str, Any]) -> None:
 
 
 def _polyhedron(values: Mapping[str, Any]) -> Topology:
-    from tetra_ros2.formation import targets
+    from tetra_ros2.formation import targets  # as above
     solid, n = values['topology.polyhedron'], values['topology.n']
     needed = targets.number_of_vertices(solid)
     if n not in (0, needed):

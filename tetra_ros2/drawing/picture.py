@@ -218,6 +218,7 @@ def write_movie(times, gamma, edges, path, progress=None, size=360, most=MOVIE_F
     :param most: as many frames as it may have
     :returns: the path
     """
+    # Matplotlib and Pillow are optional, here and below.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from PIL import Image

@@ -68,7 +68,7 @@ def write(run, name, directory, formats):
     :param formats: of ``png``, ``svg`` and ``pdf``
     :returns: the paths that were written; none where there is nothing to show
     """
-    from matplotlib import rc_context
+    from matplotlib import rc_context  # optional
     with rc_context(STYLE):
         figure = _FIGURES[name](run)
         if figure is None:

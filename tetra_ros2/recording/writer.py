@@ -236,7 +236,7 @@ def _add(bag, name, type_name, type_hash, profiles):
 def _profile(history, depth, reliability, durability, deadline, lifespan, liveliness, lease,
              avoid_conventions):
     """Return a quality of service profile as rosbags writes it into a bag."""
-    from rosbags.interfaces import (
+    from rosbags.interfaces import (  # as above
         Qos,
         QosDurability,
         QosHistory,
