@@ -10,6 +10,7 @@ two hinges named ``pan`` and ``tilt`` and a motor of the same name on each.
 """
 
 from dataclasses import dataclass
+import logging
 from pathlib import Path
 
 import mujoco
@@ -22,6 +23,15 @@ Array = NDArray[np.float64]
 BODY = 'body'
 PAN = 'pan'
 TILT = 'tilt'
+
+
+def _warn(text: str) -> None:
+    logging.getLogger(__name__).warning('MuJoCo: %s', ' '.join(text.split()))
+
+
+if mujoco.get_mju_user_warning() is None:
+    # Otherwise MuJoCo writes a file MUJOCO_LOG.TXT into the current directory.
+    mujoco.set_mju_user_warning(_warn)
 
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 """The attitude of a base that is not turned."""
