@@ -5,15 +5,22 @@
 
 import contextlib
 import math
+from pathlib import Path
+import socketserver
+import sys
+import threading
 
 from hypothesis import given
 from hypothesis import strategies as st
+import numpy as np
 import pytest
 from tetra_ros2 import drivers
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.drivers import watchdog
+from tetra_ros2.formation import rotation
 from tetra_ros2.formation.checks import Rejected
 
+EXAMPLES = Path(__file__).parents[2] / 'examples'
 RATE = (0.1, 0.2, 0.3)
 
 
@@ -30,7 +37,7 @@ class Twenty:
 @pytest.mark.parametrize(('name', 'message'), [
     ('', "driver: '' is not valid, expected module:Class or one of pan_tilt, rate_setpoint"),
     ('os', 'expected module:Class'),
-    ('no_such_module:Class', "there is no module 'no_such_module'"),
+    ('no_such_module:Class', "no module 'no_such_module'; it is looked for on PYTHONPATH"),
     ('math:Class', "there is no 'Class' in 'math'"),
     ('math:pi', 'has no method apply'),
 ])
@@ -42,6 +49,49 @@ def test_a_driver_that_there_is_not_is_refused(name, message):
 def test_a_driver_of_ones_own_is_found_and_made():
     kind = drivers.find(f'{__name__}:Twenty')
     assert drivers.make(kind, drivers.options(['speed=2.5'])).speed == 2.5
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """Be in a directory of one's own, from which nothing is imported by itself."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, 'path', [p for p in sys.path if p])
+    return tmp_path
+
+
+def test_a_file_in_the_current_directory_is_found(here):
+    (here / 'my_own_gimbal.py').write_text('class Gimbal:\n    def apply(self, w, dt): pass\n')
+    assert drivers.find('my_own_gimbal:Gimbal').__module__ == 'my_own_gimbal'
+
+
+@pytest.mark.parametrize(('name', 'text', 'message'), [
+    ('broken_1', 'import no_such_library', "ModuleNotFoundError: .*'no_such_library'"),
+    ('broken_2', 'class Gimbal', 'SyntaxError: .*line 1'),
+    ('broken_3', '1 / 0', r'ZeroDivisionError: .*broken_3.py, line 1'),
+])
+def test_a_file_that_cannot_be_imported_is_refused_in_one_line(here, name, text, message):
+    (here / f'{name}.py').write_text(text)
+    with pytest.raises(ConfigurationError, match=f'cannot be imported: {message}') as caught:
+        drivers.find(f'{name}:Gimbal')
+    assert '\n' not in str(caught.value)
+
+
+class Failing(Twenty):
+    """A driver that fails in its own way."""
+
+    def __init__(self, error):
+        raise error('it is\nso')
+
+
+@pytest.mark.parametrize(('error', 'expected', 'message'), [
+    (OSError, OSError, 'it is'),
+    (ValueError, ConfigurationError, 'driver_options: Failing: it is'),
+    (ZeroDivisionError, ConfigurationError,
+     r'driver: Failing: ZeroDivisionError: it is so \(test_drivers.py, line \d+\)'),
+])
+def test_what_a_driver_raises_when_it_is_made_is_told(error, expected, message):
+    with pytest.raises(expected, match=message):
+        drivers.make(Failing, {'error': error})
 
 
 @pytest.mark.parametrize('text', ['speed', '=1', 'a b=1', 'speed=[1'])
@@ -102,3 +152,34 @@ def test_nothing_but_its_release_ends_an_emergency_stop(commands):
     dog.stopped = False
     dog.command(10, RATE, 100.0)
     assert dog.rate(100.0) == (RATE, watchdog.TURNING)
+
+
+class Head(socketserver.StreamRequestHandler):
+    """A gimbal over TCP that turns for 10 ms with each line."""
+
+    def handle(self):
+        angles = [0.3, -0.2]
+        for line in self.rfile:
+            rates = map(float, line.split())
+            angles = [a + 0.01 * rate for a, rate in zip(angles, rates)]
+            self.wfile.write(f'{angles[0]} {angles[1]}\n'.encode())
+
+
+def test_the_driver_of_the_documentation_turns_its_gimbal(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    with socketserver.TCPServer(('127.0.0.1', 0), Head) as server:
+        thread = threading.Thread(target=server.handle_request, daemon=True)
+        thread.start()
+        head = drivers.make(drivers.find('my_gimbal:Gimbal'), drivers.options(
+            [f'address=127.0.0.1:{server.server_address[1]}']))
+        axis = rotation.rotate(np.array(head.attitude()), [1.0, 0.0, 0.0])
+        for _ in range(50):
+            before = np.array(head.attitude())
+            head.apply((0.0, 0.4, -0.6), 0.01)
+        turned = rotation.log(rotation.multiply(rotation.inverse(before), np.array(
+            head.attitude()))) / 0.01
+        assert turned[1:] == pytest.approx([0.4, -0.6], abs=1e-2)  # and it rolls as it must
+        assert not np.allclose(axis, rotation.rotate(np.array(head.attitude()), [1.0, 0.0, 0.0]))
+        head.close()
+    with pytest.raises(OSError):
+        drivers.make(drivers.find('my_gimbal:Gimbal'), {'address': '127.0.0.1:1'})

@@ -54,18 +54,29 @@ def test_a_body_not_heard_of_is_lost_and_found_again():
     assert track.state(3.0) == tracking.TRACKED
 
 
-def test_a_body_told_to_turn_whose_pose_stays_the_same_is_frozen():
+@given(st.floats(0.25, 5.0), st.floats(0.001, 0.02))
+def test_a_frozen_body_is_noticed_in_time_and_not_before(rate, period):
+    # Told at this rate, it is noticed after 0.1 / rate, and no sooner than after the time-out.
     track = tracker()
     feed(track, [1.0])
-    for k in range(1, 30):
-        track.receive(1_000_000_000 + k * 8 * MS, about_z(1.0), 1.0 + 0.008 * k)
-        track.told((0.0, 0.6, 0.0), 0.008)
-        if 0.6 * 0.008 * k > 0.1:
-            assert track.state(1.0 + 0.008 * k) == tracking.FROZEN
-        else:
-            assert track.state(1.0 + 0.008 * k) == tracking.TRACKED
-    feed(track, [1.3], lambda t: 1.001)
-    assert track.state(1.3) == tracking.TRACKED
+    t = 1.0
+    while track.state(t) != tracking.FROZEN:
+        t += period
+        track.receive(round(t * 1e9), about_z(1.0), t)
+        track.told((0.0, rate, 0.0), period)
+    due = max(0.2, 0.1 / rate)
+    assert due - 1e-9 < t - 1.0 <= due + 1.001 * period
+    feed(track, [t + period], lambda t: 1.001)
+    assert track.state(t + period) == tracking.TRACKED
+
+
+def test_a_source_without_noise_may_repeat_itself():
+    track = tracker()
+    feed(track, [1.0])
+    track.repeats = True
+    track.receive(1_500_000_000, about_z(1.0), 1.5)
+    track.told((0.0, 5.0, 0.0), 0.5)
+    assert track.state(1.5) == tracking.TRACKED
 
 
 def test_a_body_that_is_told_nothing_may_rest():

@@ -73,6 +73,82 @@ def test_a_serial_gimbal_forms_with_simulated_bodies_is_held_when_unplugged_and_
     probe.wait_for(lambda: bus.servos[1].velocity == bus.servos[2].velocity == 0.0, 'rest')
 
 
+def test_a_gimbal_that_can_go_no_further_says_so_and_the_others_go_on(probe, programs, bus):
+    start(programs, bus, '--option', 'pan_limits=[0.25, 0.35]', '--option',
+          'tilt_limits=[-0.25, -0.15]')
+    programs.tetra('launcher', '--config', 'rotating', '--mode', 'realtime', '--duration', '300',
+                   '--ros-args', '-p', 'external_bodies:=[4]', '-p', 'seed:=3')
+    probe.wait_for_health('/body_4', lambda s: 'at a limit' in s.message, 'the limit')
+    probe.wait_for_health('/agent_4', lambda s: s.message == 'answering', 'commands')
+    # A second of encoders that say the same: that is a limit, and nothing frozen.
+    probe.listen(PoseStamped, 'agent_4/pose')
+    poses = probe.received['agent_4/pose']
+    probe.wait_for(lambda: len(poses) > 100 and poses[-1].pose == poses[-100].pose, 'rest')
+    reports = len(probe.received['diagnostics'])
+    probe.wait_for(lambda: len(probe.received['diagnostics']) > reports + 20, 'reports')
+    for name, right in (('/plant', 'running'), ('/agent_1', 'answering')):
+        assert probe.health(name).message == right
+    assert not any('frozen' in status.message for array in probe.received['diagnostics']
+                   for status in array.status)
+
+
+FAILING = """
+import math
+from pathlib import Path
+
+class Gimbal:
+    def __init__(self, notes):
+        self.notes = Path(notes)
+
+    def note(self, word):
+        with self.notes.open('a') as file:
+            file.write(f'{word} ')
+
+    def apply(self, angular_velocity, dt):
+        x, y, z = angular_velocity
+        self.note('held' if y == 0.0 else 'turned')
+        if y > 0.5:
+            1.0 / 0.0
+
+    def attitude(self):
+        return (math.nan, 0.0, 0.0, 1.0) if 'turned' in self.notes.read_text() else (0, 0, 0, 1)
+
+    def close(self):
+        self.note('closed')
+"""
+
+
+def test_a_driver_of_ones_own_that_fails_is_held_reported_and_tried_again(
+        probe, programs, tmp_path):
+    (tmp_path / 'my_gimbal.py').write_text(FAILING)
+    notes = tmp_path / 'notes'
+    programs.python(
+        '-c', 'import os, sys; os.chdir(sys.argv.pop(1)); sys.path.remove(""); '
+        'from tetra_ros2.cli import main; sys.exit(main(sys.argv[1:]))', tmp_path, 'body',
+        '--id', 4, '--driver', 'my_gimbal:Gimbal', '--option', f'notes={notes}')
+    probe.listen(PoseStamped, 'agent_4/pose')
+    poses = probe.received['agent_4/pose']
+    probe.wait_for(lambda: poses, 'a pose')
+    publisher = probe.node.create_publisher(TwistStamped, 'agent_4/cmd_vel', 1)
+    probe.wait_for(lambda: publisher.get_subscription_count(), 'the body')
+    sent = [0]
+
+    def keep(rate):
+        sent[0] += 1
+        command(probe, publisher, sent[0], y=rate)
+
+    probe.wait_for(lambda: keep(0.2) or 'turned' in notes.read_text(), 'motion')
+    probe.listen(DiagnosticArray, 'diagnostics')
+    probe.wait_for(lambda: keep(0.2) or ((status := probe.health('/body_4')) and
+                   'not finite (attitude() of the driver)' in status.message), 'the report')
+    probe.wait_for(lambda: keep(0.9) or ((status := probe.health('/body_4')) and re.search(
+        r'lost: ZeroDivisionError: .*my_gimbal.py, line \d+', status.message)), 'the loss')
+    assert 'turned held closed' in notes.read_text()
+    probe.wait_for(lambda: keep(0.2) or probe.health('/body_4').level == b'\0' or
+                   probe.health('/body_4').message.startswith('turning'), 'the body back')
+    assert all(math.isfinite(p.pose.orientation.x) for p in poses)
+
+
 def command(probe, publisher, stamp, x=0.0, y=0.0, z=0.0):
     message = TwistStamped()
     message.header.stamp.sec, message.header.frame_id = stamp, 'agent_4'

@@ -225,8 +225,9 @@ POSES = (
         'poses.max_rate', 20.0, 'A pose that the body would have had to turn faster to reach '
         'is a jump, and not used [rad/s].', minimum=1e-3, maximum=1e9),
     Parameter(
-        'poses.frozen_angle', 0.1, 'A body told to turn this far while its pose stays the same '
-        'to the last bit is frozen, and counts as lost [rad]; 0 for never.',
+        'poses.frozen_angle', 0.02, 'A body told to turn this far while its pose stays the same '
+        'to the last bit, for as long as poses.timeout, is frozen and counts as lost [rad]; 0 for '
+        'never.',
         minimum=0.0, maximum=1e9),
 )
 """What there is to say of poses that come from elsewhere."""

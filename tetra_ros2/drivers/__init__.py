@@ -7,13 +7,18 @@ Drivers of bodies: what turns a real one as the law commands.
 A driver is a class with one method, ``apply(angular_velocity, dt)``: turn the body at that rate
 (x, y, z) [rad/s] in its own frame, for about ``dt`` [s], until the next call. It may have
 ``attitude()``, which returns the body's attitude as a quaternion x y z w, body to world, or None;
-and ``close()``. Whatever it cannot reach it says by raising OSError: the body then counts as lost,
-and the driver is made anew until it can be.
+``close()``; and ``at_limit``, the names of what is at a limit. Whatever it cannot reach it says by
+raising OSError: the body then counts as lost, and the driver is made anew until it can be.
 """
 
 from collections.abc import Mapping, Sequence
 from importlib import import_module
+import inspect
+import os
+from pathlib import Path
 import re
+import sys
+import traceback
 from typing import Any, Protocol
 
 from tetra_ros2.config.parameters import ConfigurationError, shown
@@ -44,7 +49,8 @@ def find(name: str) -> type:
     """
     Return the class of a driver.
 
-    :param name: ``module:Class``, or the short name of one that ships
+    :param name: the short name of one that ships; or ``module:Class``, where the module is one
+        that Python finds, on PYTHONPATH, among what is installed, or in the current directory
     :raises ConfigurationError: if there is none such
     """
     module, _, attribute = SHIPPED.get(name, name).partition(':')
@@ -52,19 +58,39 @@ def find(name: str) -> type:
         raise ConfigurationError(
             f'{shown(name)} is not valid, expected module:Class or one of '
             f'{", ".join(SHIPPED)}', key='driver')
+    # Last, so that no file in the current directory takes the place of an installed module.
+    if not {'', os.getcwd()} & set(sys.path):
+        sys.path.append(os.getcwd())
     try:
         found = getattr(import_module(module), attribute)
     except ModuleNotFoundError as error:
-        if error.name and not module.startswith(error.name):
-            raise  # it is there, and lacks something itself
-        raise ConfigurationError(f'there is no module {module!r}', key='driver') from None
+        if name in SHIPPED:
+            raise  # it is there, and lacks an extra
+        if error.name is None or not f'{module}.'.startswith(f'{error.name}.'):
+            raise ConfigurationError(
+                f'{module} cannot be imported: {described(error)}', key='driver') from error
+        raise ConfigurationError(
+            f'there is no module {error.name!r}; it is looked for on PYTHONPATH, among the '
+            f'installed packages and in {os.getcwd()}', key='driver') from None
     except AttributeError:
         raise ConfigurationError(
             f'there is no {attribute!r} in {module!r}', key='driver') from None
+    except Exception as error:  # whatever a module may raise while it is imported
+        raise ConfigurationError(
+            f'{module} cannot be imported: {described(error)}', key='driver') from error
     if not callable(getattr(found, 'apply', None)):
         raise ConfigurationError(
             f'{name} has no method apply(angular_velocity, dt)', key='driver')
     return found  # type: ignore[no-any-return]
+
+
+def described(error: BaseException) -> str:
+    """Return in one line what somebody's code has raised, and where."""
+    text = ' '.join(f'{type(error).__name__}: {error}'.split())
+    frames = traceback.extract_tb(error.__traceback__)
+    if not frames or isinstance(error, (ImportError, SyntaxError)):  # they say it themselves
+        return text
+    return f'{text} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})'
 
 
 def options(texts: Sequence[str]) -> dict[str, Any]:
@@ -99,7 +125,13 @@ def make(kind: type, given: Mapping[str, Any], node: Any = None) -> Driver:
     """
     extra = {'node': node} if getattr(kind, 'wants_node', False) else {}
     try:
+        inspect.signature(kind).bind(**given, **extra)
         driver: Driver = kind(**given, **extra)
+    except OSError:
+        raise
     except (TypeError, ValueError) as error:
-        raise ConfigurationError(f'{kind.__name__}: {error}', key='driver_options') from None
+        said = ' '.join(str(error).split())
+        raise ConfigurationError(f'{kind.__name__}: {said}', key='driver_options') from error
+    except Exception as error:  # it is somebody else's code
+        raise ConfigurationError(f'{kind.__name__}: {described(error)}', key='driver') from error
     return driver

@@ -6,6 +6,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 import math
+import os
 import termios
 from typing import Any
 
@@ -20,8 +21,12 @@ WATCHDOG = 0.2
 CHECK_EVERY = 50
 """After how many commands to look whether that has happened."""
 
-TRIES = 3
-"""How often a servo is asked before it counts as gone: a packet may be garbled."""
+TRIES = 6
+"""
+How often a servo is asked before it counts as gone: a packet may be garbled, the machine busy.
+
+Each takes 34 ms at most, so that both give up after about the same silence.
+"""
 
 STIFFNESS = 4.0
 """How fast, at most, a joint goes towards a limit that is 1 rad away [rad/s]."""
@@ -67,7 +72,7 @@ class PanTilt:
             self._port.openPort()
             self._port.setBaudRate(baud)
         except OSError as error:
-            reason = getattr(error, 'strerror', None) or 'cannot be opened'
+            reason = os.strerror(error.errno) if error.errno else 'cannot be opened'
             raise OSError(f'{port}: {reason}') from None
         try:
             self._set_up()
@@ -159,8 +164,11 @@ class PanTilt:
     def _rearm(self) -> None:
         """Let servos move again that have stopped since the line was silent."""
         for number in self._ids:
-            value, result, _ = self._guarded(
-                self._packets.read1ByteTxRx, self._port, number, dynamixel.BUS_WATCHDOG)
+            for _ in range(TRIES):
+                value, result, _error = self._guarded(
+                    self._packets.read1ByteTxRx, self._port, number, dynamixel.BUS_WATCHDOG)
+                if result == dynamixel_sdk.COMM_SUCCESS:
+                    break
             if result != dynamixel_sdk.COMM_SUCCESS:
                 raise self._lost(number, result)
             if value == dynamixel.WATCHDOG_FIRED:

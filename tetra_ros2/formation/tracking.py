@@ -3,10 +3,11 @@
 
 """An attitude that comes from elsewhere: what of it may be used, and for how long."""
 
+from collections.abc import Sequence
 import math
 
 from tetra_ros2.formation._types import Quaternion, Vector
-from tetra_ros2.formation.checks import Rejected, UNIT_TOLERANCE
+from tetra_ros2.formation.checks import LONGEST, Rejected, SHORTEST
 
 JUMP = 'jump'
 """Why a pose is rejected that the body could not have reached."""
@@ -27,6 +28,26 @@ SLACK = 0.02
 """What a pose may be off by itself, apart from the motion of the body [rad]."""
 
 
+def unit_quaternion(attitude: Sequence[float]) -> Quaternion:
+    """
+    Return an attitude that comes from elsewhere, with a length of exactly 1.
+
+    :param attitude: x y z w
+    :raises Rejected: if it is not four finite numbers, or not of length 1 to within UNIT_TOLERANCE
+    """
+    try:
+        x, y, z, w = map(float, attitude)
+    except (TypeError, ValueError):
+        raise Rejected(Rejected.MALFORMED) from None
+    square = x * x + y * y + z * z + w * w
+    if not math.isfinite(square):
+        raise Rejected(Rejected.NOT_FINITE)
+    if not SHORTEST <= square <= LONGEST:
+        raise Rejected(NOT_UNIT)
+    scale = 1.0 / math.sqrt(square)
+    return x * scale, y * scale, z * scale, w * scale
+
+
 class Tracker:
     """
     Follows the attitude of one body, by the poses that are told of it.
@@ -34,8 +55,11 @@ class Tracker:
     A pose is a jump if the body would have had to turn too fast to it from the one before. What
     it has jumped to is believed when it has stayed there for as long as poses may be missing: then
     it was the motion capture that had been wrong, or the body was carried about. A pose that stays
-    the same to the last bit is no measurement: if the body was told to turn meanwhile, it is
-    frozen. A body that was told nothing may well rest.
+    the same to the last bit is no measurement: if it does so for as long as poses may be missing,
+    and the body was told to turn meanwhile, it is frozen. A body that was told nothing may well
+    rest.
+
+    :ivar repeats: whether the source has no noise, so that the same pose again says nothing
 
     :param timeout: how old the last good pose may be [s]
     :param max_rate: how fast the body can turn [rad/s]
@@ -46,11 +70,13 @@ class Tracker:
     def __init__(self, timeout: float, max_rate: float, frozen_angle: float) -> None:
         self.attitude: Quaternion | None = None
         self.received = self.jumps = 0
+        self.repeats = not frozen_angle
         self._timeout, self._max_rate, self._frozen_angle = timeout, max_rate, frozen_angle
         self._stamp = 0
         self._heard_at = -math.inf  # of the last good pose
-        self._told = 0.0  # how far it was told to turn since its pose last changed
         self._raw: Quaternion | None = None
+        self._changed_at = -math.inf  # when the pose was last another than the one before
+        self._told = 0.0  # how far it was told to turn since then
         self._astray: Quaternion | None = None  # where it has jumped to
         self._astray_stamp = 0
         self._astray_since = math.inf
@@ -65,20 +91,12 @@ class Tracker:
         :raises Rejected: if it is not finite, not a unit quaternion, not newer than the last one,
             or a jump
         """
-        x, y, z, w = attitude
-        square = x * x + y * y + z * z + w * w
-        if not math.isfinite(square):
-            raise Rejected(Rejected.NOT_FINITE)
-        if not (1.0 - UNIT_TOLERANCE) ** 2 <= square <= (1.0 + UNIT_TOLERANCE) ** 2:
-            raise Rejected(NOT_UNIT)
+        unit = unit_quaternion(attitude)
         lost = now - self._heard_at > self._timeout
         if stamp <= self._stamp and not (lost and stamp != self._stamp):
             raise Rejected(Rejected.OLD_STAMP)
         if attitude != self._raw:
-            self._told = 0.0
-            self._raw = attitude
-        scale = 1.0 / math.sqrt(square)
-        unit = (x * scale, y * scale, z * scale, w * scale)
+            self._raw, self._changed_at, self._told = attitude, now, 0.0
         if not lost and self.attitude is not None \
                 and not self._reachable(self.attitude, self._stamp, unit, stamp):
             self._go_astray(unit, stamp, now)
@@ -110,7 +128,8 @@ class Tracker:
         """Return TRACKED if the attitude may be used, or why not."""
         if self.attitude is None:
             return WAITING
-        if self._frozen_angle and self._told > self._frozen_angle:
+        if not self.repeats and self._told > self._frozen_angle \
+                and now - self._changed_at > self._timeout:
             return FROZEN
         if now - self._heard_at > self._timeout:
             return JUMPING if self._astray is not None else LOST

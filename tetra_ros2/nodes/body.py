@@ -9,6 +9,7 @@ Between the two stands a watchdog: silence, or a command too fast, holds the bod
 tried again until it is back.
 """
 
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 import time
@@ -18,8 +19,9 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from std_srvs.srv import SetBool
 from tetra_ros2 import drivers
 from tetra_ros2.config.parameters import ConfigurationError
-from tetra_ros2.drivers.watchdog import TURNING, WAITING, Watchdog
+from tetra_ros2.drivers.watchdog import STILL, TURNING, WAITING, Watchdog
 from tetra_ros2.formation.checks import Rejected
+from tetra_ros2.formation.tracking import unit_quaternion
 from tetra_ros2.ros import diagnostics, executor, parameters, qos
 from tetra_ros2.ros.node import FormationNode, raw_publish
 from tetra_ros2.wire import cdr, names
@@ -48,7 +50,7 @@ class Body(FormationNode):
         try:
             self._driver: Any = drivers.make(self._kind, self._options, self)
         except OSError as error:
-            raise ConfigurationError(str(error), key='driver') from None
+            raise ConfigurationError(' '.join(str(error).split()), key='driver') from None
         self.watchdog = Watchdog(values['command_timeout'], values['max_angular_velocity'])
         self._lost = ''  # why the body cannot be reached, if it cannot
         self._lost_at = 0.0
@@ -71,14 +73,15 @@ class Body(FormationNode):
         """Hold the body, and let go of it."""
         self._timer.cancel()
         if self._driver is not None:
-            with suppress(OSError):  # it may be out of reach already
-                self._driver.apply((0.0, 0.0, 0.0), self._period)
+            with suppress(Exception):  # it may be out of reach already
+                self._driver.apply(STILL, self._period)
             self._let_go()
 
     def _let_go(self) -> None:
         driver, self._driver = self._driver, None
         if driver is not None and hasattr(driver, 'close'):
-            driver.close()
+            with suppress(Exception):  # it is lost already, or its node is at its end
+                driver.close()
 
     def _on_command(self, message: bytes) -> None:
         try:
@@ -116,14 +119,31 @@ class Body(FormationNode):
             if hasattr(self._driver, 'attitude'):
                 attitude = self._driver.attitude()
                 if attitude is not None:
-                    stamp = self.get_clock().now().nanoseconds
-                    self._send(self._encode(stamp, 0.0, 0.0, 0.0, *attitude))
-                    self.poses += 1
+                    self._tell(attitude)
         except OSError as error:
-            self._lost, self._lost_at = str(error), now
-            self.losses += 1
-            self.get_logger().error(f'the body is lost: {error}')
-            self._let_go()
+            self._lose(str(error), now)
+        except Exception as error:  # a driver that fails may have left its body turning
+            with suppress(Exception):
+                self._driver.apply(STILL, self._period)
+            self._lose(drivers.described(error), now)
+
+    def _tell(self, attitude: Sequence[float]) -> None:
+        """Publish what the driver says of the attitude, if it is one."""
+        stamp = self.get_clock().now().nanoseconds
+        try:
+            unit = unit_quaternion(attitude)
+        except Rejected as rejection:
+            self.health.reject(rejection, 'attitude() of the driver')
+            return
+        self._send(self._encode(stamp, 0.0, 0.0, 0.0, *unit))
+        self.poses += 1
+
+    def _lose(self, reason: str, now: float) -> None:
+        """Let go of a body that cannot be driven; it is tried again."""
+        self._lost, self._lost_at = reason, now
+        self.losses += 1
+        self.get_logger().error(f'the body is lost: {reason}')
+        self._let_go()
 
     def assess(self) -> tuple[bytes, str, dict[str, Any]]:
         """Return level, message and figures for the diagnostics."""

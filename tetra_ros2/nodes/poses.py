@@ -4,6 +4,7 @@
 """Attitudes that come from elsewhere: motion capture, the drivers of bodies, TF."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+import math
 import time
 from typing import Any
 
@@ -13,13 +14,16 @@ from rclpy.serialization import deserialize_message
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation._types import Quaternion, Vector
 from tetra_ros2.formation.checks import Rejected
-from tetra_ros2.formation.tracking import TRACKED, Tracker, WAITING
+from tetra_ros2.formation.tracking import FROZEN, TRACKED, Tracker, WAITING
 from tetra_ros2.ros import qos
 from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.wire import names
 
 LOOK = 1.0
 """How long to look for who publishes poses, and of which type, before listening [s]."""
+
+REPORT_AGAIN = 0.2
+"""How long after a report of lost bodies the next one may wait for its turn [s]."""
 
 TRANSFORMS = '/tf'
 
@@ -46,6 +50,9 @@ class Poses:
         self._now: Callable[[], float] = time.monotonic
         self.trackers = {i - 1: Tracker(values['poses.timeout'], values['poses.max_rate'],
                                         values['poses.frozen_angle']) for i in sorted(bodies)}
+        self._lost: frozenset[int] = frozenset(self.trackers)
+        self._reported_at = -math.inf
+        self._topics: dict[int, str] = {}  # of the bodies that have one each
         source, topic = values['poses.source'], values['poses.topic']
         if source == 'tf':
             self._listen_to_transforms()
@@ -54,8 +61,8 @@ class Poses:
             topics = {topic: self._on_array}
             kind: type = PoseArray
         else:
-            topics = {topic.format(i=i + 1, name=self._names[i]): self._receiver(i)
-                      for i in self.trackers}
+            self._topics = {i: topic.format(i=i + 1, name=self._names[i]) for i in self.trackers}
+            topics = {name: self._receiver(i) for i, name in self._topics.items()}
             kind = PoseStamped
         self._refuse_other_types(topics, kind)
         for name, callback in topics.items():
@@ -136,10 +143,36 @@ class Poses:
             tracker.told(rates[i], elapsed)
 
     def attitudes(self) -> dict[int, Quaternion]:
-        """Return the attitudes that may be used, by index."""
+        """Return the attitudes that may be used, by index; report at once if they become less."""
         now = self._now()
-        return {i: tracker.attitude for i, tracker in self.trackers.items()
-                if tracker.attitude is not None and tracker.state(now) == TRACKED}
+        known = {}
+        for i, tracker in self.trackers.items():
+            state = tracker.state(now)
+            if state == FROZEN and i not in self._lost and self._is_told_by_its_driver(i):
+                tracker.repeats = True
+                state = tracker.state(now)
+            if state == TRACKED and tracker.attitude is not None:
+                known[i] = tracker.attitude
+        lost = frozenset(self.trackers.keys() - known.keys())
+        if lost != self._lost:
+            worse, self._lost = lost - self._lost, lost
+            if worse and now - self._reported_at > REPORT_AGAIN:
+                self._reported_at = now
+                self._node.health.report()
+        return known
+
+    def _is_told_by_its_driver(self, i: int) -> bool:
+        """
+        Return whether it is the driver of body i that tells its pose, and nobody else.
+
+        A driver reads encoders, which have no noise: a body at a limit repeats itself. Whether
+        the body can be reached is known to the driver.
+        """
+        if i not in self._topics:
+            return False
+        publishers = self._node.get_publishers_info_by_topic(
+            self._node.resolve_topic_name(self._topics[i]))
+        return {p.node_name for p in publishers} == {names.body(i + 1)}
 
     def assess(self) -> tuple[str, dict[str, Any]]:
         """Return what is wrong, or nothing, and figures for the diagnostics."""
