@@ -16,7 +16,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from tetra_ros2 import installation
-from tetra_ros2.config import configuration
+from tetra_ros2.config import bodies, configuration, parameters
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.config.share import share_directory
 
@@ -39,9 +39,10 @@ def start(context):
         'parameters': [str(file.path)],
         'output': 'screen',
     }
-    changes = {name: argument(name) for name in ('mode', 'seed') if argument(name)}
+    changes = {name: argument(name) for name in ('mode', 'seed', 'body') if argument(name)}
     if 'seed' in changes:
         changes['seed'] = check_seed(changes['seed'])
+    check_plant(file, changes)
     recorder = check_recording(argument('record'))
     rviz = check_rviz(argument('rviz'))
 
@@ -77,6 +78,17 @@ def check_seed(text):
         raise ConfigurationError(
             f'{text!r} is not valid, expected an integer from -1 up', key='seed') from None
     return seed
+
+
+def check_plant(file, changes):
+    """Refuse a plant that would refuse itself, such as bodies that cannot be."""
+    parameters.check_parameters('plant', changes)
+    try:
+        bodies.check_bodies({**file.values('plant'), **changes})
+    except ModuleNotFoundError as error:
+        raise ConfigurationError(
+            f'{error.name} is not installed: {installation.missing(error.name)}',
+            key='body') from None
 
 
 def check_recording(path):
@@ -120,6 +132,10 @@ def generate_launch_description():
             description='how time passes; empty: as in config'),
         DeclareLaunchArgument(
             'seed', default_value='', description='of the initial attitudes; empty: as in config'),
+        DeclareLaunchArgument(
+            'body', default_value='',
+            description='what turns: kinematic, wheels, gimbal, or an MJCF file; empty: as in '
+                        'config'),
         DeclareLaunchArgument(
             'record', default_value='', description='directory to record into; empty: do not'),
         DeclareLaunchArgument(

@@ -111,7 +111,11 @@ class Launcher:
         for kind in PARAMETERS:
             check_parameters(kind, self._overrides(kind))
         if names.PLANT not in without:
-            check_bodies({**self._file.values('plant'), **self._overrides('plant')})
+            given = self._overrides('plant')
+            try:
+                check_bodies({**self._file.values('plant'), **given})
+            except ConfigurationError as error:
+                raise error if error.key in given else error.at(self._file.path) from None
         self._without = set(without)
         self._recording = record is not None
         self._view = view

@@ -17,6 +17,8 @@ import pytest
 
 pytest.importorskip('launch_ros', reason='ros2 launch comes with ROS 2, and is not among wheels')
 from rcl_interfaces.srv import GetParameters  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from tetra_ros2.physics import settings  # noqa: E402
 
 EARLY = (0.1, 0.3, 0.6, 1.2, 2.4)
 """Moments after the start of the nodes [s], from modules that load to a formation that moves."""
@@ -103,6 +105,22 @@ def test_mode_and_seed_come_before_what_the_configuration_says(workspace, probe)
         started.assert_clean()
 
 
+@pytest.mark.parametrize('body', ['wheels', 'gimbal', 'file'])
+def test_bodies_with_mass_turn_under_the_launch_file(workspace, probe, tmp_path, body):
+    models = pytest.importorskip('tetra_ros2.physics.models', reason='MuJoCo is not installed')
+    if body == 'file':
+        body = tmp_path / 'own.xml'
+        body.write_text(models.wheels_xml(settings.Wheels()))
+    with launch(workspace, 'config:=rotating', 'seed:=11', f'body:={body}') as started:
+        assert parameters(probe, 'plant', 'body', 'seed') == [str(body), 11]
+        probe.listen(JointState, 'agent_2/joint_states')
+        received = probe.received['agent_2/joint_states']
+        probe.wait_for(lambda: received and any(received[-1].velocity), 'joints that move')
+        started.interrupt()
+        started.end()
+        started.assert_clean()
+
+
 def test_a_node_without_a_name_in_a_launch_file_of_ones_own_takes_changes(
         workspace, probe, tmp_path):
     file = tmp_path / 'own.launch.py'
@@ -128,6 +146,8 @@ def test_a_node_without_a_name_in_a_launch_file_of_ones_own_takes_changes(
     ('config:=rotatin', ["did you mean 'rotating'"]),
     ('namespace:=a b', ['namespace', "'a b'"]),
     ('record:=.', ['record', 'exists already']),
+    ('body:=wheel', ['body', "'wheel' is not valid", "did you mean 'wheels'"]),
+    ('body:=nowhere.xml', ['body', "'nowhere.xml' is not valid", 'MJCF file']),
 ])
 def test_a_wrong_argument_is_named_before_any_node_starts(workspace, argument, fragments):
     if argument == 'rviz:=true' and shutil.which('rviz2'):

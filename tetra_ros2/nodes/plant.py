@@ -49,12 +49,12 @@ class Plant(FormationNode):
 
         self.seed = values['seed']
         self._given_attitudes = initial_attitudes(values, n)
+        if self._given_attitudes is None and self.seed < 0:
+            self.seed = secrets.randbelow(2**31)
+        self._vehicles = Vehicles(self, {**values, 'seed': self.seed}, self.formation)
         if self._given_attitudes is None:
-            if self.seed < 0:
-                self.seed = secrets.randbelow(2**31)
             self.get_logger().info(f'random initial attitudes of seed {self.seed}')
         self._rng = np.random.default_rng(max(self.seed, 0))
-        self._vehicles = Vehicles(self, {**values, 'seed': self.seed}, self.formation)
         self._start = self._given_attitudes
         if self._start is None:
             self._start = self._vehicles.draw(self._rng)
