@@ -22,7 +22,16 @@ import numpy as np
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from tetra_ros2.formation import gain, measures, rate_loop, rotation, shapes, topology
+from tetra_ros2.formation import (
+    gain,
+    law,
+    measures,
+    rate_loop,
+    rotation,
+    shapes,
+    sphere,
+    topology,
+)
 from tetra_ros2.formation.simulation import SampledLoop
 from tetra_ros2.physics.bodies import make_bodies
 from tetra_ros2.physics.settings import Physics, RateLoop, Wheels
@@ -128,6 +137,41 @@ def saturation():
     return '\n'.join(lines)
 
 
+def weak(starts=200, h=0.02):
+    """Search for a formation that ever weaker wheels keep from coming to rest, without MuJoCo."""
+    graph, lines = topology.complete(), []
+    rng = np.random.default_rng(0)
+    # For each: the largest angular acceleration [rad/s^2] and the bandwidth [1/s] of each body.
+    cases = {f'{limit_:g} rad/s^2': (np.full((starts, 4), limit_), np.full((starts, 1), 10.0))
+             for limit_ in (1.0, 0.1, 0.01, 0.003)}
+    cases['0.01 to 1 rad/s^2, for each body another'] = (
+        10.0 ** rng.uniform(-2.0, 0.0, (starts, 4)), 10.0 ** rng.uniform(0.0, 1.0, (starts, 1)))
+    for name, (limits, bandwidths) in cases.items():
+        def acceleration(gamma, rates, limits=limits[:, :, None], k=bandwidths[:, :, None]):
+            wanted = k * (law.velocity(gamma, graph.weights, COSINE) - rates)
+            size = np.linalg.norm(wanted, axis=-1, keepdims=True)
+            turned = np.sum(rates * rates, axis=-1, keepdims=True) * gamma
+            return wanted * np.minimum(1.0, limits / np.maximum(size, 1e-300)) - turned
+
+        gamma = sphere.normalize(rng.standard_normal((starts, 4, 3)))
+        rates = np.zeros_like(gamma)
+        seconds = 120.0 / math.sqrt(float(np.min(limits)))
+        fastest = 0.0
+        for _ in range(round(seconds / h)):  # by the midpoint rule
+            half = sphere.normalize(gamma + 0.5 * h * rates)
+            half_rates = sphere.project(half, rates + 0.5 * h * acceleration(gamma, rates))
+            rates = rates + h * acceleration(half, half_rates)
+            gamma = sphere.normalize(gamma + h * half_rates)
+            rates = sphere.project(gamma, rates)
+            fastest = max(fastest, float(np.max(np.sum(rates * rates, axis=-1))))
+        errors = np.max(np.abs(measures.pairwise_angles(gamma) - THETA), axis=-1)
+        formed = np.count_nonzero((errors < 1e-3) & (np.max(np.abs(rates), axis=(1, 2)) < 1e-3))
+        lines.append(f'acceleration limit {name}: {formed} of {starts} random starts at rest in a '
+                     f'tetrahedron after {seconds:.0f} s, no body ever faster than '
+                     f'{math.sqrt(fastest):.2f} rad/s')
+    return '\n'.join(lines)
+
+
 def momentum():
     """Let a body with wheels tumble for 1e5 steps."""
     lines = []
@@ -229,7 +273,7 @@ def schedule(seconds=30.0):
 
 
 PARTS = {part.__name__: part for part in (
-    momentum, speed, schedule, saturation, sides, limit)}
+    momentum, speed, schedule, saturation, weak, sides, limit)}
 
 
 def main():

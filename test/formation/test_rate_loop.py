@@ -3,9 +3,20 @@
 
 """Rate loops: the closed form at rest, the shifted spin, and the limit against simulation."""
 
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tetra_ros2.formation import gain, law, rate_loop, rotation, sampling, shapes, stability
+from tetra_ros2.formation import (
+    gain,
+    law,
+    rate_loop,
+    rotation,
+    sampling,
+    shapes,
+    sphere,
+    stability,
+)
 from tetra_ros2.formation import topology as topologies
 
 TETRAHEDRON = shapes.TETRAHEDRON.points
@@ -52,6 +63,32 @@ def test_at_rest_each_eigenvalue_becomes_two_of_a_quadratic(bandwidth):
 
 def test_a_formation_of_symmetric_weights_at_rest_has_no_threshold():
     assert rate_loop.min_bandwidth(TETRAHEDRON, COMPLETE, COSINE) == 0.0
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([COMPLETE, ROTATING, -0.7 * COMPLETE]),
+       st.sampled_from([COSINE, gain.Exponential(a=2.0, b=0.5)]))
+def test_the_law_never_asks_for_more_acceleration_than_its_bound(seed, weights, family):
+    rng = np.random.default_rng(seed)
+    gamma = sphere.normalize(rng.standard_normal((4, 3)) + rng.choice([0.0, 3.0]))
+    theta = np.linspace(0.0, np.pi, 1001)
+    fastest = np.sum(np.abs(weights), axis=1) * np.max(family.f(theta) * np.sin(theta))
+    rates = sphere.project(gamma, rng.standard_normal((4, 3)))
+    rates *= (fastest / np.linalg.norm(rates, axis=1))[:, None]
+    step = 1e-6
+    ahead, behind = (law.velocity(sphere.normalize(gamma + h * rates), weights, family)
+                     for h in (step, -step))
+    change = sphere.project(gamma, (ahead - behind) / (2.0 * step))
+    bound = rate_loop.acceleration_bound(weights, family)
+    assert np.max(np.linalg.norm(change, axis=1)) <= bound * (1.0 + 1e-4)
+
+
+def test_the_bound_on_acceleration_is_that_of_the_formula():
+    # f and d(f sin)/dtheta are largest where two agents meet, 2 a; f sin at 60 degrees.
+    fastest = 3.0 * 0.75 * np.sqrt(3.0)
+    assert rate_loop.acceleration_bound(COMPLETE, COSINE) == pytest.approx(
+        3 * 2.0 * 2.0 * fastest, rel=1e-6)
+    assert rate_loop.acceleration_bound(COMPLETE, gain.Cosine(0.5)) == pytest.approx(
+        0.25 * 12.0 * fastest, rel=1e-6)
 
 
 def test_a_fast_rate_loop_leaves_the_law_as_it_is():

@@ -221,6 +221,9 @@ def _print_bodies(row, b, rate):
         return
     row('wheels', f'saturate where a command is off by more than {b.saturation_rate:.3g} rad/s; '
                   f'turn a body at {b.rate_limit:.4g} rad/s at most')
+    often = 'once at most, after the start' if b.torque_limit > b.enough_torque else \
+        f'maybe often: only a torque limit above {b.enough_torque:.3g} N m rules it out'
+    row('', f'saturate {often}')
     row('', f'asked for: torque {b.torque:.3g} of {b.torque_limit:g} N m, speed '
             f'{b.wheel_speed:.4g} of {b.wheel_speed_limit:g} rad/s, '
             f'momentum {b.momentum:.3g} N m s')

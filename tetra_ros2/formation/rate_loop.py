@@ -58,6 +58,30 @@ def eigenvalues_at_rest(eigenvalues: ArrayLike, bandwidth: float) -> NDArray[np.
     return np.concatenate([large, -bandwidth * values / large])
 
 
+def acceleration_bound(weights: ArrayLike, gain: Gain) -> float:
+    """
+    Return an angular acceleration that the law never asks of a body [rad/s^2].
+
+    With limited torque a rate loop makes ``dw/dt = s k (u - w)``, where s in (0, 1] shrinks the
+    torque and keeps its direction. So ``|w_i|`` never grows beyond the largest command V_i. The
+    command then changes by no more than this bound, the sum over j of ``|W_ij| B (V_i + V_j)``,
+    where B is the largest of f and ``|d(f sin)/dtheta|``. If the torque can do more than that, the
+    difference between u and w shrinks while it is saturated: from rest a body is so once, for
+    ``V_i`` over the difference of the two at most, and never again.
+
+    :param weights: ``(n, n)``
+    :param gain: the gain
+    """
+    theta = np.linspace(0.0, np.pi, 4001)
+    f, sine, cosine = gain.f(theta), np.sin(theta), np.cos(theta)
+    # At the ends the derivative of f may be infinite, while its product with the sine is not.
+    slope = gain.derivative(theta[1:-1]) * sine[1:-1] + f[1:-1] * cosine[1:-1]
+    steepest = max(float(np.max(f)), float(np.max(np.abs(slope))))
+    size = np.abs(np.asarray(weights, dtype=float))
+    fastest = np.sum(size, axis=1) * np.max(f * sine)
+    return float(np.max(steepest * np.sum(size * (fastest[:, None] + fastest), axis=1)))
+
+
 @dataclass(frozen=True, eq=False)
 class RateLoopEquilibrium:
     """

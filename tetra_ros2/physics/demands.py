@@ -9,7 +9,7 @@ import math
 import numpy as np
 from tetra_ros2.formation import Formation, measures, sensing
 from tetra_ros2.formation.analysis import attractor
-from tetra_ros2.formation.rate_loop import min_bandwidth, rate_loop_equilibrium
+from tetra_ros2.formation.rate_loop import acceleration_bound, min_bandwidth, rate_loop_equilibrium
 from tetra_ros2.physics.settings import Physics
 
 
@@ -34,6 +34,8 @@ class Demands:
         limit [rad/s]; None where that is not known beforehand
     :param torque: that the spin asks of a motor [N m]; None as above
     :param torque_limit: what it has [N m]
+    :param enough_torque: with a limit above this a motor is saturated once at most, after a start
+        from rest: :func:`~tetra_ros2.formation.rate_loop.acceleration_bound` [N m]
     :param wheel_speed: that the spin asks of a wheel, at most [rad/s]
     :param wheel_speed_limit: what it has [rad/s]
     :param rate_limit: how fast the wheels can turn a body [rad/s]
@@ -54,6 +56,7 @@ class Demands:
     saturation_rate: float | None = None
     torque: float | None = None
     torque_limit: float | None = None
+    enough_torque: float | None = None
     wheel_speed: float | None = None
     wheel_speed_limit: float | None = None
     rate_limit: float | None = None
@@ -100,6 +103,7 @@ def demands(formation: Formation, physics: Physics, *, rate: float, delay: float
             'saturation_rate': wheels.acceleration_limit / k,
             'torque': inertia * acceleration,
             'torque_limit': wheels.torque_limit,
+            'enough_torque': inertia * acceleration_bound(weights, gain),
             'wheel_speed': inertia * body_rate / wheels.inertia,
             'wheel_speed_limit': wheels.speed_limit,
             'rate_limit': wheels.rate_limit,
