@@ -12,6 +12,7 @@ from tetra_ros2.formation import law, rotation, topology
 from tetra_ros2.formation.gain import Cosine
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
+JOINTS, DIAGNOSTICS = 'sensor_msgs/msg/JointState', 'diagnostic_msgs/msg/DiagnosticArray'
 POSES, TWIST, VECTOR = (f'geometry_msgs/msg/{name}' for name in (
     'PoseArray', 'TwistStamped', 'Vector3Stamped'))
 
@@ -27,6 +28,24 @@ def header(stamp, frame, length=None):
 
 def message(stamp, frame, numbers, length=None):
     return header(stamp, frame, length) + np.asarray(numbers, dtype='<f8').tobytes()
+
+
+def joint_state(stamp, names, *sequences):
+    """Return a sensor_msgs/JointState as bytes, by somebody else's serialisation."""
+    types = STORE.types
+    header = types['std_msgs/msg/Header'](
+        types['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9)), 'a frame')
+    return bytes(STORE.serialize_cdr(types[JOINTS](
+        header, list(names), *(np.array(s, dtype=float) for s in sequences)), JOINTS))
+
+
+def diagnostics(name, figures):
+    """Return the diagnostics of a node as bytes."""
+    types = STORE.types
+    values = [types['diagnostic_msgs/msg/KeyValue'](*item) for item in figures.items()]
+    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 0), '')
+    status = types['diagnostic_msgs/msg/DiagnosticStatus'](0, name, 'running', '', values)
+    return bytes(STORE.serialize_cdr(types[DIAGNOSTICS](header, [status]), DIAGNOSTICS))
 
 
 def states(count, graph, gain=None, h=0.01, seed=3):
@@ -45,11 +64,14 @@ def states(count, graph, gain=None, h=0.01, seed=3):
 
 
 def write(path, count=400, graph=None, gain=None, namespace='', h=0.01, storage='mcap',
-          commands=True, measurements=True, start=1.0, repeat=1):
+          commands=True, measurements=True, start=1.0, repeat=1, joints=None, figures=None):
     """
     Write a recording of a formation; return attitudes and body rates as :func:`states` does.
 
     :param repeat: how often to go through the states again, at later times
+    :param joints: of every body: a function of the number of the state and the agent, from 1, that
+        returns names, positions, velocities and efforts
+    :param figures: of the plant's diagnostics, as texts
     """
     graph = graph or topology.complete(4)
     attitudes, rates = states(count, graph, gain, h)
@@ -65,12 +87,18 @@ def write(path, count=400, graph=None, gain=None, namespace='', h=0.01, storage=
         answers = {i: connect(f'agent_{i}/cmd_vel', TWIST) for i in agents} if commands else {}
         seen = [(i, connect(f'agent_{i}/relative_attitude/agent_{j}', VECTOR))
                 for i, j, _ in graph.edges] if measurements else []
+        turning = {i: connect(f'agent_{i}/joint_states', JOINTS) for i in agents} if joints else {}
+        if figures:
+            bag.write(bag.add_connection('/diagnostics', DIAGNOSTICS, typestore=STORE),
+                      round(start * 1e9), diagnostics(f'{namespace}/plant', figures))
         for k in range(count * repeat):
             stamp = round((start + k * h) * 1e9)
             now = k % count
             bag.write(state, stamp, message(stamp, 'world', poses[now], graph.n))
             for i, connection in seen:
                 bag.write(connection, stamp, message(stamp, f'agent_{i}', [1.0, 0.0, 0.0]))
+            for i, connection in turning.items():
+                bag.write(connection, stamp, joint_state(stamp, *joints(now, i)))
             for i, connection in answers.items():
                 bag.write(connection, stamp, message(
                     stamp, f'agent_{i}', [0.0, 0.0, 0.0, *rates[now, i - 1]]))

@@ -152,6 +152,79 @@ def test_saturated_wheels_are_slower_never_unstable_and_say_so():
     assert limited > 0
 
 
+def test_with_enough_torque_a_body_is_saturated_once_and_for_no_longer_than_proven():
+    topology, cosine = topologies.complete(), gain.Cosine()
+    bound = rate_loop.acceleration_bound(topology.weights, cosine)
+    wheels = Wheels(torque_limit=1.2 * bound * max(Wheels().total_inertia), speed_limit=1e5)
+    fastest = 3.0 * 0.75 * math.sqrt(3.0)  # the largest command there is
+    longest = fastest / (wheels.acceleration_limit - bound)
+    limited = []
+    for seed in range(5):
+        loop, bodies = formation(Physics('wheels', wheels=wheels), topology,
+                                 random_attitudes(seed))
+        for step in range(600):
+            loop.advance(0.002, 1)
+            for i, what in enumerate(bodies.saturated):
+                before = bodies.saturated_steps[i]
+                assert before == step + 1 if what else True, 'once, from the start on'
+                assert not what or 0.002 * step <= longest
+            rates = np.linalg.norm(bodies._velocities[:, 3:6], axis=1)
+            assert np.max(rates) <= fastest * (1.0 + 1e-6)
+        limited += bodies.saturated_steps
+    assert max(limited) > 5
+
+
+def test_physics_that_gets_out_of_hand_rests_where_it_was_and_says_so(caplog, tmp_path,
+                                                                      monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bodies = make_bodies(random_attitudes(2), AXES, Physics('wheels'))
+    bodies.step(0.1, [(0.1, 0.2, 0.3)] * 4)
+    before = bodies.attitudes[:]
+    bodies._velocities[1, 3] = 1e14
+    bodies.step(0.01, [(0.1, 0.2, 0.3)] * 4)
+    assert bodies.diverged_steps == 1
+    assert np.allclose(bodies.attitudes, before, atol=1e-12)
+    assert not np.any(bodies._velocities)
+    assert 'MuJoCo: ' in caplog.text
+    bodies.step(0.01, [(0.1, 0.2, 0.3)] * 4)
+    assert bodies.diverged_steps == 1
+    assert not list(tmp_path.iterdir()), 'no MUJOCO_LOG.TXT'
+
+
+def test_what_a_file_says_of_its_world_is_kept_without_a_word(caplog, capfd, tmp_path,
+                                                              monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = THRUSTERS.format(motors=MOTORS).replace(
+        '<mujoco>', '<mujoco><option gravity="0 0 -3" wind="1 0 0" timestep="0.005"/>')
+    (tmp_path / 'own.xml').write_text(text)
+    make_bodies(random_attitudes(), AXES, Physics('own.xml'))
+    assert [path.name for path in tmp_path.iterdir()] == ['own.xml']
+    assert not caplog.text
+    assert capfd.readouterr() == ('', '')
+
+
+def test_the_joints_tell_what_they_can_do():
+    wheels = make_bodies(random_attitudes(), AXES, Physics('wheels')).limits()
+    assert wheels['wheel_y'] == (-math.inf, math.inf, 600.0, 0.1)
+    head = make_bodies(pointing_up_to(0.3), AXES, Physics(
+        'gimbal', gimbal=Gimbal(tilt_limits=(-0.4, 0.5)))).limits()
+    assert head == {'pan': (-math.inf, math.inf, 10.0, 1.0), 'tilt': (-0.4, 0.5, 10.0, 1.0)}
+
+
+def test_a_gimbal_shows_how_far_it_can_go_and_when_it_can_go_no_further():
+    bodies = make_bodies(pointing_up_to(0.3, n=2), AXES[:2], Physics(
+        'gimbal', gimbal=Gimbal(tilt_limits=(-0.4, 0.4))))
+    bodies.step(2.0, [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+    arcs = [part for part in bodies.parts() if part.kind == 'arc']
+    assert [(arc.body, arc.at_limit) for arc in arcs] == [(0, True), (1, False)]
+    for arc, gamma in zip(arcs, np.array(bodies.reduced)):
+        ends = rotation.rotate(np.array(arc.attitude), np.array(arc.points)) / 0.16
+        # The arc is that of the directions that it could point along without panning.
+        assert np.arccos(ends @ gamma).min() < 0.02
+        assert np.max(np.abs(ends[:, 2])) == pytest.approx(math.sin(0.4))
+    assert np.arccos(ends[-1] @ ends[0]) == pytest.approx(0.8)
+
+
 def test_a_wheel_at_its_speed_limit_is_told_apart_from_a_torque_limit():
     slow = Wheels(torque_limit=10.0, speed_limit=20.0)
     bodies = make_bodies(random_attitudes(n=1), AXES[:1], Physics('wheels', wheels=slow))

@@ -13,12 +13,14 @@ from harness import run
 import numpy as np
 import pytest
 from tetra_ros2.commands import plot
+from tetra_ros2.drawing import colors
 from tetra_ros2.drawing import picture as drawing
 from tetra_ros2.formation import measures, shapes, topology
 from tetra_ros2.recording import plot as figures
 from tetra_ros2.recording import reader as recording
 
 MESSAGES = 1_000_000
+KINEMATIC = [name for name in plot.FIGURES if name not in ('bodies', 'joints')]
 
 
 @pytest.fixture(scope='module')
@@ -32,7 +34,7 @@ def test_every_figure_is_written_in_all_formats(tmp_path, bag):
     status, output, _ = run('plot', bag, '--out', tmp_path / 'new' / 'figures')
     assert status == 0
     assert 'cosine gain, a = 1,' in output
-    for name in plot.FIGURES:
+    for name in KINEMATIC:
         png = (tmp_path / 'new' / 'figures' / f'{name}.png').read_bytes()
         assert png.startswith(b'\x89PNG')
         assert len(png) > 10_000
@@ -80,7 +82,7 @@ def test_whatever_was_recorded_is_drawn(tmp_path, options):
     bags.write(tmp_path / 'bag', **{'count': 60, **options})
     status, _, errors = run('plot', tmp_path / 'bag', '--out', tmp_path, '--format', 'png')
     assert status == 0, errors
-    expected = set(plot.FIGURES) - ({'rates'} if 'commands' in options else set())
+    expected = set(KINEMATIC) - ({'rates'} if 'commands' in options else set())
     assert {path.stem for path in tmp_path.glob('*.png')} == expected
     assert 'Warning' not in errors
     assert ('rates: not drawn' in errors) == ('commands' in options)
@@ -92,13 +94,73 @@ def test_no_panel_is_empty(tmp_path, options):
     run = figures.Run(recording.load(tmp_path / 'bag'))
     for name, make in figures._FIGURES.items():
         if (figure := make(run)) is None:
-            assert name == 'rates'
+            assert name in {'rates', 'bodies', 'joints'}
             continue
         for axes in figure.axes:
             drawn = [*axes.lines, *axes.collections, *axes.patches]
             assert drawn, name
             assert name == 'sphere' or any(
                 np.any(np.isfinite(line.get_ydata())) for line in axes.lines)
+
+
+WHEELS = ('wheel_x', 'wheel_y', 'wheel_z')
+
+
+def wheels(k, i):
+    return WHEELS, (0.1 * k,) * 3, (9.0 * i, 0.0, -k), (0.005 if k < 15 else 0.001, 0.0, 0.0)
+
+
+def head(k, i):
+    return ('pan', 'tilt'), (0.02 * k, -0.5 if i == 2 else 0.1), (2.0, 0.0), ()
+
+
+def test_wheels_are_drawn_with_their_limits(tmp_path):
+    bags.write(tmp_path / 'bag', 60, joints=wheels, figures={
+        'speed limit of wheel_y [rad/s]': '600', 'torque limit of wheel_x [N m]': '0.005',
+        'torque limit of wheel_z [N m]': 'none', 'body': 'wheels'})
+    loaded = recording.load(tmp_path / 'bag')
+    track = loaded.joints[3]
+    assert track.names == WHEELS
+    assert track.velocities[7].tolist() == [27.0, 0.0, -7.0]
+    assert np.array_equal(track.stamps, loaded.stamps)
+    assert loaded.limits['wheel_x'].torque == 0.005
+    run = figures.Run(loaded)
+    speed, torque = figures._FIGURES['joints'](run).axes
+    assert speed.get_title('left') == 'limit 600; at most 59'
+    assert torque.get_title('left') == 'limit 0.005; at most 0.005, at a limit 25 % of the time'
+    levels = [line.get_ydata()[0] for line in torque.lines if len(set(line.get_ydata())) == 1]
+    assert 0.005 in levels and -0.005 in levels
+    body, = figures._FIGURES['bodies'](run).axes
+    assert len(body.patches) > 4 * 20  # the faces of four boxes with wheels, beside the sphere
+
+
+def test_gimbals_are_drawn_with_their_ranges_and_the_one_at_its_limit_in_red(tmp_path):
+    bags.write(tmp_path / 'bag', 60, joints=head, namespace='/left', figures={
+        'lower limit of tilt [rad]': '-0.5', 'upper limit of tilt [rad]': '0.5'})
+    run = figures.Run(recording.load(tmp_path / 'bag').between(0.2, 0.4))
+    assert len(run.recording.joints[1].stamps) == 21
+    panels = figures._FIGURES['joints'](run).axes
+    assert [axes.get_ylabel() for axes in panels] == ['pan [rad]', 'tilt [rad]', 'speed [rad/s]']
+    assert panels[0].get_title('left') == 'no limit is known'
+    assert panels[1].get_title('left') == 'limit 0.5; at most 0.5, at a limit 25 % of the time'
+    axes, = figures._FIGURES['bodies'](run).axes
+    red = [line for line in axes.collections if len(line.get_segments()) == 1 and tuple(
+        line.get_color()[0][:3]) == colors.unit_rgb('#d1242f')]
+    assert len(red) == 1
+
+
+def test_joints_that_cannot_be_read_are_left_out(tmp_path):
+    def broken(k, i):
+        return WHEELS if i != 2 else ('other', 'joints'), (), (1.0,) * (3 if i != 2 else 2), ()
+
+    bags.write(tmp_path / 'bag', 20, joints=broken)
+    loaded = recording.load(tmp_path / 'bag')
+    assert loaded.joints[2].names == ('other', 'joints')
+    assert np.all(np.isnan(loaded.joints[1].positions))
+    assert loaded.limits == {}
+    status, _, errors = run('plot', tmp_path / 'bag', '--out', tmp_path, '--only', 'bodies',
+                            'joints', '--format', 'png')
+    assert status == 0, errors
 
 
 def test_a_plant_that_repeats_itself_is_nothing_to_worry_about(tmp_path):
@@ -123,7 +185,7 @@ def test_trajectories_are_whole_and_their_starts_are_marked(tmp_path):
     bags.write(tmp_path / 'bag', 2000, topology.rotating())
     run = figures.Run(recording.load(tmp_path / 'bag'))
     axes, = figures._FIGURES['sphere'](run).axes
-    see = drawing._Camera(drawing.best_view(run.gamma[-1]))
+    see = drawing.Camera(drawing.best_view(run.gamma[-1]))
     hollow = [line for line in axes.lines if line.get_markerfacecolor() == 'white']
     assert {line.get_marker() for line in hollow} == set('os^D')
     starts = np.array([[line.get_xdata()[0], line.get_ydata()[0]] for line in hollow])

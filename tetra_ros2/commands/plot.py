@@ -11,7 +11,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from tetra_ros2.config.parameters import ConfigurationError
 
-FIGURES = ('sphere', 'components', 'cosines', 'error', 'rates', 'timing')
+FIGURES = ('sphere', 'components', 'cosines', 'error', 'rates', 'timing', 'bodies', 'joints')
+NEEDED = {'rates': 'commands', 'bodies': 'joint states', 'joints': 'joint states'}
+"""Without what a figure is not drawn."""
 FORMATS = ('png', 'svg', 'pdf')
 
 
@@ -86,7 +88,10 @@ def run(arguments):
         print(f'{loaded.unused} states are of another run, out of order or invalid, and were not '
               'used', file=sys.stderr)
     for name in missing:
-        print(f'{name}: not drawn, as no commands were recorded', file=sys.stderr)
+        # Most bodies have no joints, and nobody has asked for them.
+        if name == 'rates' or arguments.only is not FIGURES:
+            print(f'{name}: not drawn, as no {NEEDED.get(name, "two states")} were recorded',
+                  file=sys.stderr)
     for path in written:
         print(path)
     return 0

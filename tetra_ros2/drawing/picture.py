@@ -37,7 +37,7 @@ MOVIE_FRAMES = 110
 """As many frames as make a moving picture that a page can bear."""
 
 
-class _Camera:
+class Camera:
     """An orthographic projection: two coordinates in the picture, and one towards the eye."""
 
     def __init__(self, view):
@@ -65,7 +65,7 @@ def best_view(gamma):
     i, j = np.triu_indices(ends.shape[1], k=1)
 
     def clearance(view):
-        see = _Camera(view)
+        see = Camera(view)
         seen, opposite = see(ends)[..., :2], -see(points)[..., :2]
         apart = np.linalg.norm(seen[:, i] - seen[:, j], axis=-1)
         # Two axes in one line look like one. Opposite agents always do, from everywhere.
@@ -87,7 +87,8 @@ def trail_time(times, gamma):
     return 2.0 * np.pi / rate / 3.0 if rate > 1e-2 else None
 
 
-def draw(axes, times, gamma, edges=(), *, trail=None, clock=False, view=None):
+def draw(axes, times, gamma, edges=(), *, trail=None, clock=False, view=None, reach=REACH,
+         labels=0.15):
     """
     Draw the last of a number of states, and the way it came.
 
@@ -98,14 +99,16 @@ def draw(axes, times, gamma, edges=(), *, trail=None, clock=False, view=None):
     :param trail: for how long the trails reach back [s]; by default to the start
     :param clock: whether to write the time
     :param view: longitude and latitude of the eye [deg]; by default the clearest
+    :param reach: how far the picture goes from the middle of the unit sphere
+    :param labels: how far the names of the axes are from their ends
     """
-    see = _Camera(best_view(gamma[-1]) if view is None else view)
+    see = Camera(best_view(gamma[-1]) if view is None else view)
     n = gamma.shape[1]
     first = 0 if trail is None else int(np.searchsorted(times, times[-1] - trail))
     chosen = np.unique(np.linspace(first, len(times) - 1, TRAIL).astype(int))
     way, now = gamma[chosen], gamma[-1]
 
-    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect='equal')
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect='equal')
     axes.axis('off')
     _ball(axes, see)
     for i in range(n):
@@ -115,9 +118,9 @@ def draw(axes, times, gamma, edges=(), *, trail=None, clock=False, view=None):
     _solid(axes, see, now)
     _edges(axes, see, now, edges)
     for i in np.argsort(see(now)[:, 2]):
-        _agent(axes, see, now[i], int(i) + 1, 1.0 if n <= 6 else 0.65)
+        _agent(axes, see, now[i], int(i) + 1, 1.0 if n <= 6 else 0.65, labels)
     if clock:
-        axes.text(-0.96 * REACH, -0.96 * REACH, f't = {times[-1] - times[0]:5.2f} s',
+        axes.text(-0.96 * reach, -0.96 * reach, f't = {times[-1] - times[0]:5.2f} s',
                   color=colors.MUTED, fontsize=11, family='monospace')
 
 
@@ -188,7 +191,7 @@ def _edges(axes, see, now, edges):
             color=(*colors.unit_rgb(colors.agent(i)), 0.6)))
 
 
-def _agent(axes, see, direction, i, size):
+def _agent(axes, see, direction, i, size, label):
     tip = see(direction)
     front = tip[2] > 0.0
     color = colors.agent(i)
@@ -200,7 +203,7 @@ def _agent(axes, see, direction, i, size):
     # Outwards of the tip, and never on top of it when the axis points at the eye.
     distance = float(np.hypot(*tip[:2]))
     outward = tip[:2] / distance if distance > 0.2 else np.array([0.7, 0.7])
-    axes.annotate(rf'$\Gamma_{{{i}}}$', tip[:2] + 0.15 * size ** 0.5 * outward, color=color,
+    axes.annotate(rf'$\Gamma_{{{i}}}$', tip[:2] + label * size ** 0.5 * outward, color=color,
                   fontsize=15 * size, ha='center', va='center', zorder=7.0,
                   alpha=1.0 if front else 0.8)
 

@@ -3,7 +3,8 @@
 
 """Names of types that many modules use."""
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,3 +23,19 @@ Matrix = tuple[float, float, float, float, float, float, float, float, float]
 
 Quaternion = tuple[float, float, float, float]
 """A unit quaternion in plain floats, x y z w."""
+
+
+class JointLimits(NamedTuple):
+    """
+    What a joint can do; infinite where it has no limit.
+
+    :param low: least position [rad]
+    :param high: greatest position [rad]
+    :param speed: greatest speed, either way [rad/s]
+    :param torque: greatest torque of its motor, either way [N m]
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    speed: float = math.inf
+    torque: float = math.inf

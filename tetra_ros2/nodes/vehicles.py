@@ -20,7 +20,7 @@ from tetra_ros2.ros import qos
 from tetra_ros2.ros.body_markers import BodyMarkers
 from tetra_ros2.ros.node import FormationNode, raw_publish
 from tetra_ros2.wire import names
-from tetra_ros2.wire.joints import joint_state
+from tetra_ros2.wire.joints import joint_state, limits_to_diagnostics
 
 STILL: Vector = (0.0, 0.0, 0.0)
 
@@ -113,6 +113,7 @@ class Vehicles:
         problems, values = [], {}
         if self.physics is not None:
             values['body'] = self.physics.body
+            values.update(limits_to_diagnostics(self._bodies.limits()))
             for i, (what, steps) in enumerate(
                     zip(self._bodies.saturated, self._bodies.saturated_steps)):
                 name = names.agent(i + 1)
@@ -122,6 +123,10 @@ class Vehicles:
                     problems.append(f'{name}: {", ".join(what) or "saturated for a while"}')
                 self._saturated_before[i] = steps
         text = f'at a limit: {"; ".join(problems)}' if problems else ''
+        if self.physics is not None and (diverged := self._bodies.diverged_steps):
+            values['diverged steps'] = diverged
+            text = '; '.join(filter(None, (text, 'the physics has diverged, and put the bodies '
+                                           'to rest: they need a higher physics_rate')))
         if self.poses is not None:
             lost, figures = self.poses.assess()
             values.update(figures)

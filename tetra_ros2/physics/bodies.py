@@ -12,16 +12,21 @@ pure function of start, commands and seed, to the last bit.
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tetra_ros2.formation import gimbal, rotation
+from tetra_ros2.formation._types import JointLimits, Quaternion, Vector
 from tetra_ros2.formation.bodies import RigidBodies
 from tetra_ros2.physics import models
 from tetra_ros2.physics.settings import BodyError, Physics
 
 Array = NDArray[np.float64]
+
+ARC_RADIUS, ARC_POINTS = 0.16, 33
+"""Of the arcs that show how far a gimbal's joints can go [m]."""
 
 NEAR_LIMIT = 1e-3
 """A joint nearer to its limit than this is at it [rad]."""
@@ -30,20 +35,24 @@ NEAR_LIMIT = 1e-3
 @dataclass(frozen=True)
 class Part:
     """
-    A part of a body, as it looks.
+    A part of a body, as it looks, or an arc that shows what a joint of it can do.
 
     :param body: whose it is, counted from 0
-    :param kind: ``box``, ``cylinder`` or ``sphere``
-    :param size: its lengths along its own axes [m]
+    :param kind: ``box``, ``cylinder``, ``sphere`` or ``arc``
+    :param size: its lengths along its own axes [m]; of an arc, its radius
     :param position: of its middle, from the origin of the vehicle, in the world [m]
     :param attitude: a unit quaternion x y z w, part to world
+    :param points: of an arc, in its own frame [m]
+    :param at_limit: of an arc, whether the joint is at an end of it
     """
 
     body: int
     kind: str
-    size: tuple[float, float, float]
-    position: tuple[float, float, float]
-    attitude: tuple[float, float, float, float]
+    size: Vector
+    position: Vector
+    attitude: Quaternion
+    points: tuple[Vector, ...] = ()
+    at_limit: bool = False
 
 
 _KINDS = {mujoco.mjtGeom.mjGEOM_BOX: 'box', mujoco.mjtGeom.mjGEOM_CYLINDER: 'cylinder',
@@ -75,6 +84,8 @@ class PhysicalBodies(RigidBodies, ABC):
 
     :ivar saturated: for each body, in words, what was at its limit in the last step
     :ivar saturated_steps: for each body, in how many steps anything was
+    :ivar diverged_steps: in how many steps the numbers of the physics got out of hand; all bodies
+        were then put back, at rest, to where the step had begun
 
     :param attitudes: unit quaternions x y z w, body to world, n of them
     :param axes: pointing axes in the body frames, unit vectors (x, y, z), n of them
@@ -97,6 +108,7 @@ class PhysicalBodies(RigidBodies, ABC):
         self._bias = physics.loop.bias * self._random.standard_normal((n, 3))
         self.saturated: list[tuple[str, ...]] = [()] * n
         self.saturated_steps = [0] * n
+        self.diverged_steps = 0
         self._velocities = self._data.qvel.reshape(n, -1)
         self._controls = self._data.ctrl.reshape(n, -1)
         super().__init__(self._place(np.array(attitudes, dtype=float)), self._axes)
@@ -132,14 +144,26 @@ class PhysicalBodies(RigidBodies, ABC):
         count = max(1, round(h * self.physics.rate))
         dt = self._model.opt.timestep = h / count
         self._forget()
+        before = self._data.qpos.copy()
         for _ in range(count):
             self._substep(commands, dt)
+        if any(self._data.warning.number):
+            self._put_back(before)
         for i, attitude in enumerate(self._attitudes().tolist()):
             self.attitudes[i] = tuple(attitude)
             self._refresh(i, *attitude)
         self.saturated = self._saturation()
         for i, what in enumerate(self.saturated):
             self.saturated_steps[i] += bool(what)
+
+    def _put_back(self, positions: Array) -> None:
+        """Let all bodies rest where they were: MuJoCo has put them where their file has them."""
+        outside = self._data.xfrc_applied.copy()
+        mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[:] = positions
+        self._data.xfrc_applied[:] = outside
+        mujoco.mj_forward(self._model, self._data)
+        self.diverged_steps += 1
 
     def _measured(self, rates: Array) -> Array:
         """Return what the gyros say of body rates, ``(n, 3)``."""
@@ -151,6 +175,10 @@ class PhysicalBodies(RigidBodies, ABC):
     @abstractmethod
     def joints(self, i: int) -> Joints:
         """Return the joints of body i, counted from 0."""
+
+    @abstractmethod
+    def limits(self) -> dict[str, JointLimits]:
+        """Return what each joint can do, by its name: the same for all bodies."""
 
     def parts(self) -> list[Part]:
         """Return what the bodies look like, as of now."""
@@ -258,6 +286,15 @@ class FloatingBodies(PhysicalBodies):
         return Joints(self._vehicle.joints, tuple(self._positions[i, 7:].tolist()),
                       tuple(self._velocities[i, 6:].tolist()), tuple(efforts))
 
+    def limits(self) -> dict[str, JointLimits]:
+        """Return what each joint can do, by its name: the same for all bodies."""
+        vehicle = self._vehicle
+        torque = {int(w): float(limit) for w, limit in zip(vehicle.wheel, vehicle.torque_limits)}
+        return {name: JointLimits(*map(float, vehicle.limits[k]),
+                             self.physics.wheels.speed_limit if k in torque else math.inf,
+                             torque.get(k, math.inf))
+                for k, name in enumerate(vehicle.joints)}
+
 
 class Gimbals(PhysicalBodies):
     """
@@ -348,6 +385,26 @@ class Gimbals(PhysicalBodies):
         unit: Array = attitudes / np.linalg.norm(attitudes, axis=1, keepdims=True)
         return unit
 
+    def parts(self) -> list[Part]:
+        """Return what the bodies look like as of now, and how far their joints can go."""
+        shown = super().parts()
+        for i, (pan, _) in enumerate(self._positions.tolist()):
+            turned = rotation.multiply(
+                self._mounting[i], [0.0, 0.0, math.sin(0.5 * pan), math.cos(0.5 * pan)])
+            for joint, base in ((0, self._mounting[i]), (1, turned)):
+                low, high = self._limits[joint].tolist()
+                if not -math.inf < low < high < math.inf:
+                    continue
+                angles = np.linspace(low, min(high, low + 2.0 * math.pi), ARC_POINTS)
+                c, s, o = np.cos(angles), np.sin(angles), np.zeros(ARC_POINTS)
+                points = ARC_RADIUS * np.stack([c, o, -s] if joint else [c, s, o], axis=1)
+                x, y, z, w = base.tolist()
+                shown.append(Part(
+                    i, 'arc', (ARC_RADIUS, ARC_RADIUS, ARC_RADIUS), (0.0, 0.0, 0.0),
+                    (x, y, z, w), tuple(map(tuple, points.tolist())),
+                    bool(self._limit_seen[i, joint])))
+        return shown
+
     def _forget(self) -> None:
         self._roll = np.zeros(len(self.axes))  # since the command began to count
         for seen in (self._torque_seen, self._rate_seen, self._limit_seen):
@@ -364,6 +421,12 @@ class Gimbals(PhysicalBodies):
         """Return the joints of body i, counted from 0."""
         return Joints(self._vehicle.joints, tuple(self._positions[i].tolist()),
                       tuple(self._velocities[i].tolist()), tuple(self._controls[i].tolist()))
+
+    def limits(self) -> dict[str, JointLimits]:
+        """Return what each joint can do, by its name: the same for all bodies."""
+        rate = self.physics.gimbal.rate_limit
+        return {name: JointLimits(*map(float, ends), rate, float(torque)) for name, ends, torque
+                in zip(self._vehicle.joints, self._limits, self._vehicle.torque_limits)}
 
 
 def make_bodies(attitudes: ArrayLike, axes: ArrayLike, physics: Physics,

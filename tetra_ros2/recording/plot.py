@@ -3,21 +3,26 @@
 
 """The figures of a recording, with matplotlib."""
 
+from collections import Counter
 from fractions import Fraction
 from functools import cached_property
 
 from matplotlib.figure import Figure
 import numpy as np
-from tetra_ros2.drawing import colors, style
+from tetra_ros2.drawing import bodies, colors, style
 from tetra_ros2.drawing import picture as drawing
 from tetra_ros2.drawing.theory import recognize, Theory
 from tetra_ros2.formation import measures
+from tetra_ros2.formation._types import JointLimits
 
 POINTS = 1500
 """As many points of a line as a figure can show."""
 
 FLOOR = 1e-16
 """The error below which there is nothing but rounding [rad]."""
+
+AT_LIMIT = 1e-3
+"""What is this near to a limit, relative to it, is at the limit."""
 
 STYLE = {**style.RC, 'font.size': 9, 'axes.titlesize': 9, 'legend.fontsize': 8,
          'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': True,
@@ -180,6 +185,84 @@ def _rates(run):
     return figure
 
 
+def _bodies(run):
+    """Return the formation with its bodies, where they are known to have joints."""
+    if not run.recording.joints:
+        return None
+    figure = Figure(figsize=(6.4, 6.4))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    view = drawing.best_view(run.gamma[-1])
+    drawing.draw(axes, run.times[-1:], run.gamma[-1:], run.edges, view=view, trail=0.0,
+                 reach=bodies.REACH, labels=0.55)
+    bodies.draw(axes, drawing.Camera(view), run.gamma[-1], run.recording.attitudes[-1],
+                {i: (track.names, track.positions[-1])
+                 for i, track in run.recording.joints.items()}, run.recording.limits)
+    return figure
+
+
+def _joints(run):
+    """Return a panel for each joint that has a range, one for speeds, and one for torques."""
+    if not run.recording.joints:
+        return None
+    kinds = Counter(track.names for track in run.recording.joints.values())
+    names = max(kinds, key=kinds.get)  # a panel cannot be of joints that most have not
+    tracks = {i: track for i, track in run.recording.joints.items() if track.names == names}
+    limits = {name: run.recording.limits.get(name, JointLimits()) for name in names}
+    rows = [(f'{name} [rad]', 'positions', [k]) for k, name in enumerate(names)
+            if name in (bodies.PAN, bodies.TILT) or np.isfinite(
+                limits[name].high - limits[name].low)]
+    rows += [('speed [rad/s]', 'velocities', range(len(names))),
+             ('torque [N m]', 'efforts', range(len(names)))]
+    rows = [row for row in rows if any(
+        np.any(np.isfinite(getattr(track, row[1])[:, row[2]])) for track in tracks.values())]
+    if not rows:
+        return None
+    figure = Figure(figsize=(8.0, 0.6 + 2.0 * len(rows)), layout='constrained')
+    figure.get_layout_engine().set(w_pad=0.15)  # long numbers push the labels out otherwise
+    panels = np.atleast_1d(figure.subplots(len(rows), 1, sharex=True))
+    for axes, (label, quantity, columns) in zip(panels, rows, strict=True):
+        ends = _ends(limits, names, quantity, columns)
+        _joint_panel(axes, run.recording.stamps[0], tracks, quantity, columns, ends)
+        axes.set_ylabel(label)
+    _legend(panels[len(panels) // 2], len(tracks))
+    panels[-1].set_xlabel('time [s]')
+    return figure
+
+
+def _ends(limits, names, quantity, columns):
+    """Return the lower and the upper limit of some joints, the narrowest; infinite for none."""
+    of = [limits[names[k]] for k in columns]
+    if quantity == 'positions':
+        return max(limit.low for limit in of), min(limit.high for limit in of)
+    widest = min(limit.speed if quantity == 'velocities' else limit.torque for limit in of)
+    return -widest, widest
+
+
+def _joint_panel(axes, first, tracks, quantity, columns, ends):
+    largest, at_limit, count = 0.0, 0, 0
+    for i, track in sorted(tracks.items()):
+        values = getattr(track, quantity)[:, columns]
+        step = -(-len(values) // POINTS)
+        axes.plot((track.stamps[::step] - first) / 1e9, values[::step], linewidth=1.0,
+                  color=colors.agent(i), linestyle=style.agent(i)['linestyle'],
+                  label=[f'agent {i}', *[None] * (values.shape[1] - 1)])
+        largest = max(largest, float(np.nanmax(np.abs(values), initial=0.0)))
+        reached = (values >= ends[1] - AT_LIMIT * abs(ends[1])) \
+            | (values <= ends[0] + AT_LIMIT * abs(ends[0]))
+        at_limit, count = at_limit + np.count_nonzero(reached.any(axis=1)), count + len(values)
+    limit = max(map(abs, ends))
+    if not np.isfinite(limit):
+        axes.set_title('no limit is known', loc='left')
+        return
+    # Limits far away would make a flat line of what there is to see.
+    if largest > 0.3 * limit:
+        for end in ends:
+            axes.axhline(end, color=bodies.AT_LIMIT, linestyle=(0, (4, 3)), linewidth=1.0)
+    share = f', at a limit {100.0 * at_limit / count:.3g} % of the time' if at_limit else ''
+    span = f'limit {limit:.4g}' if ends[0] == -ends[1] else f'limits {ends[0]:.4g}, {ends[1]:.4g}'
+    axes.set_title(f'{span}; at most {largest:.3g}{share}', loc='left')
+
+
 def _timing(run):
     """Return panels for what there is: periods, their jitter, and the age of commands."""
     periods = np.diff(run.recording.stamps) / 1e6
@@ -236,4 +319,4 @@ def _ages(axes, run, ages):
 
 
 _FIGURES = {'sphere': _sphere, 'components': _components, 'cosines': _cosines, 'error': _error,
-            'rates': _rates, 'timing': _timing}
+            'rates': _rates, 'timing': _timing, 'bodies': _bodies, 'joints': _joints}

@@ -10,7 +10,7 @@ topics of a formation in a rosbag2 directory.
 
 from array import array
 from collections import defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 import re
@@ -19,15 +19,19 @@ import numpy as np
 from rosbags.rosbag2 import Reader
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation import rotation
+from tetra_ros2.formation._types import JointLimits
 from tetra_ros2.formation.checks import Rejected, UNIT_TOLERANCE
 from tetra_ros2.formation.identify import identify
+from tetra_ros2.recording import joints
 from tetra_ros2.recording.bag import UNFINISHED
+from tetra_ros2.recording.joints import Joints
 from tetra_ros2.wire import cdr, names
 
 _ATTITUDES_TYPE = 'geometry_msgs/msg/PoseArray'
 _COMMAND_TYPE = 'geometry_msgs/msg/TwistStamped'
 _EDGE = re.compile(names.relative_attitude(r'(\d+)', r'(\d+)'))
 _COMMAND = re.compile(names.cmd_vel(r'(\d+)'))
+_JOINTS = re.compile(names.joint_states(r'(\d+)'))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +66,9 @@ class Recording:
         vectors
     :param repeated: how many of these say again what the one before said, as a plant does that
         waits or is paused
+    :param joints: a :class:`~tetra_ros2.recording.joints.Joints` for each agent, from 1, whose
+        body has any and told of them
+    :param limits: what each joint can do, by its name, as far as the plant told
     """
 
     path: Path
@@ -74,6 +81,8 @@ class Recording:
     commands: dict
     dropped: int
     repeated: int = 0
+    joints: dict[int, Joints] = field(default_factory=dict)
+    limits: dict[str, JointLimits] = field(default_factory=dict)
 
     @property
     def unused(self):
@@ -121,8 +130,11 @@ class Recording:
                 f'holds less than two states from {start:g} s to '
                 f'{times[-1] if end is None else end:g} s, it is {times[-1]:g} s long',
                 source=self.path)
-        return replace(self, arrived=self.arrived[part], stamps=self.stamps[part],
-                       gamma=self.gamma[part], attitudes=self.attitudes[part])
+        stamps = self.stamps[part]
+        return replace(self, arrived=self.arrived[part], stamps=stamps, gamma=self.gamma[part],
+                       attitudes=self.attitudes[part], joints={
+                           i: kept for i, track in self.joints.items()
+                           if len((kept := track.between(stamps[0], stamps[-1])).stamps)})
 
     def answers(self, i):
         """
@@ -231,7 +243,11 @@ def _edges(reader, namespace):
 
 
 def _collect(reader, namespace, progress):
-    """Return for the state (0) and for each agent the times of arrival and the messages."""
+    """
+    Return times of arrival and messages: of the state, of commands and joints, of diagnostics.
+
+    :returns: two lists each, by 0, an agent's number, ``('joints', i)`` and ``'diagnostics'``
+    """
     keys, wanted = {}, []
     for connection in reader.connections:
         relative = _relative(connection.topic, namespace) or ''
@@ -239,6 +255,11 @@ def _collect(reader, namespace, progress):
             key = 0
         elif (match := _COMMAND.fullmatch(relative)) and connection.msgtype == _COMMAND_TYPE:
             key = int(match[1])
+        elif (match := _JOINTS.fullmatch(relative)) and connection.msgtype == joints.TYPE:
+            key = 'joints', int(match[1])
+        elif connection.topic == names.DIAGNOSTICS \
+                and connection.msgtype == joints.DIAGNOSTICS_TYPE:
+            key = 'diagnostics'
         else:
             continue
         keys[connection.id] = key
@@ -276,8 +297,14 @@ def _assemble(path, namespace, edges, collected):
     if not len(kept):
         raise ConfigurationError(
             f'holds nothing but invalid directions on {names.ATTITUDES}', source=path)
+    told = {i: track for i in range(1, n + 1)
+            if (track := joints.read(collected.pop(('joints', i), ((), ()))[1])) is not None}
+    limits = joints.limits(
+        collected.pop('diagnostics', ((), ()))[1], f'{namespace.rstrip("/")}/{names.PLANT}',
+        next(iter(told.values())).names) if told else {}
     commands = {}
-    for i, (times, sent) in sorted(collected.items()):
+    for i, (times, sent) in sorted(
+            item for item in collected.items() if isinstance(item[0], int)):
         good, of, numbers = _decode(sent, cdr.twist_stamped(names.body_frame(i)), 6)
         if 1 <= i <= n and len(good):
             commands[i] = Commands(
@@ -286,7 +313,8 @@ def _assemble(path, namespace, edges, collected):
         path=path, namespace=namespace, arrived=arrived[kept], stamps=stamps[kept],
         gamma=poses[kept, :, :3], attitudes=poses[kept, :, 3:],
         edges=tuple((i, j) for i, j in edges if max(i, j) <= n), commands=commands,
-        dropped=len(messages) - len(kept), repeated=int(np.count_nonzero(np.diff(stamps) == 0)))
+        dropped=len(messages) - len(kept), repeated=int(np.count_nonzero(np.diff(stamps) == 0)),
+        joints=told, limits=limits)
 
 
 def _agents_in(messages):

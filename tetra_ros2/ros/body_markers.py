@@ -6,6 +6,7 @@
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from geometry_msgs.msg import Point
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from tetra_ros2.drawing import colors
 from tetra_ros2.formation._types import Vector
@@ -20,7 +21,14 @@ DISTANCE = 1.25
 SCALE = 1.0
 """How large a metre is shown: the sphere has the radius 1."""
 
-_TYPES = {'box': Marker.CUBE, 'cylinder': Marker.CYLINDER, 'sphere': Marker.SPHERE}
+WIDTH = 0.008
+"""Of the arcs that show how far a joint can go."""
+
+AT_LIMIT = '#d1242f'
+"""The colour of such an arc when its joint is at an end of it."""
+
+_TYPES = {'box': Marker.CUBE, 'cylinder': Marker.CYLINDER, 'sphere': Marker.SPHERE,
+          'arc': Marker.LINE_STRIP}
 
 
 class BodyMarkers:
@@ -64,12 +72,17 @@ def make_body_markers(stamp: int, reduced: list[Vector], parts: Iterable[Any]) -
         made.header.frame_id = names.WORLD
         made.header.stamp.sec, made.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
         made.scale.x, made.scale.y, made.scale.z = (SCALE * length for length in part.size)
+        color = colors.agent(part.body + 1)
+        if part.points:
+            made.scale.x, made.scale.y, made.scale.z = WIDTH, 0.0, 0.0
+            made.points = [Point(x=SCALE * x, y=SCALE * y, z=SCALE * z) for x, y, z in part.points]
+            color = AT_LIMIT if part.at_limit else color
         place = made.pose.position
         place.x, place.y, place.z = (
             DISTANCE * g + SCALE * p for g, p in zip(reduced[part.body], part.position))
         turn = made.pose.orientation
         turn.x, turn.y, turn.z, turn.w = part.attitude
-        made.color = color_message(colors.agent(part.body + 1), 0.9 if number else 0.6)
+        made.color = color_message(color, 0.9 if number else 0.6)
         set_lifetime(made)
         markers.append(made)
     return MarkerArray(markers=markers)

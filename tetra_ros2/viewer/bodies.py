@@ -6,12 +6,19 @@
 import math
 from typing import Any
 
+import numpy as np
 from rclpy.serialization import deserialize_message
 import viser
 from visualization_msgs.msg import Marker, MarkerArray
 
 MOST_PARTS = 600
 """More parts than these are not shown."""
+
+LINE_WIDTH = 2.0
+"""Of an arc [px]."""
+
+MOST_POINTS = 200
+"""Nor is an arc of more points."""
 
 LARGEST = 10.0
 """Nothing that is shown is larger, or further away."""
@@ -64,7 +71,9 @@ class Bodies:
 
     def _put(self, marker: Marker) -> None:
         key = marker.ns, marker.id
-        look = (marker.type, marker.scale.x, marker.scale.y, marker.scale.z)
+        color = tuple(round(255 * c) for c in (marker.color.r, marker.color.g, marker.color.b))
+        points = tuple((p.x, p.y, p.z) for p in marker.points)
+        look = (marker.type, marker.scale.x, marker.scale.y, marker.scale.z, color, points)
         known = self._parts.get(key)
         place, turn = marker.pose.position, marker.pose.orientation
         position, wxyz = (place.x, place.y, place.z), (turn.w, turn.x, turn.y, turn.z)
@@ -74,12 +83,16 @@ class Bodies:
         if known is not None:
             known[1].remove()
         name = f'/bodies/{marker.ns}/{marker.id}'
-        color = tuple(round(255 * c) for c in (marker.color.r, marker.color.g, marker.color.b))
         scene = self._server.scene
-        _, x, y, z = look
+        x, y, z = marker.scale.x, marker.scale.y, marker.scale.z
         common = {'color': color, 'opacity': marker.color.a, 'position': position, 'wxyz': wxyz}
-        if marker.type == Marker.CUBE:
-            handle: Any = scene.add_box(name, dimensions=(x, y, z), **common)
+        if marker.type == Marker.LINE_STRIP:
+            ends = np.array(points, dtype=np.float32)
+            handle: Any = scene.add_line_segments(
+                name, points=np.stack([ends[:-1], ends[1:]], axis=1), colors=color,
+                line_width=LINE_WIDTH, position=position, wxyz=wxyz)
+        elif marker.type == Marker.CUBE:
+            handle = scene.add_box(name, dimensions=(x, y, z), **common)
         elif marker.type == Marker.CYLINDER:
             handle = scene.add_cylinder(name, radius=0.5 * x, height=z, **common)
         else:
@@ -92,9 +105,15 @@ def _is_sound(marker: Marker) -> bool:
     place, turn, size, color = (marker.pose.position, marker.pose.orientation, marker.scale,
                                 marker.color)
     square = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
-    return (marker.type in (Marker.CUBE, Marker.CYLINDER, Marker.SPHERE)
+    lengths = (size.x, size.y, size.z)
+    if marker.type == Marker.LINE_STRIP:
+        lengths = (size.x,)
+    points = marker.points
+    return (marker.type in (Marker.CUBE, Marker.CYLINDER, Marker.SPHERE, Marker.LINE_STRIP)
+            and (marker.type == Marker.LINE_STRIP) * 2 <= len(points) <= MOST_POINTS
+            and all(abs(v) <= LARGEST for p in points for v in (p.x, p.y, p.z))
             and marker.ns.replace('_', '').isalnum()
             and all(abs(v) <= LARGEST for v in (place.x, place.y, place.z))
-            and all(0.0 < v <= LARGEST for v in (size.x, size.y, size.z))
+            and all(0.0 < v <= LARGEST for v in lengths)
             and all(0.0 <= v <= 1.0 for v in (color.r, color.g, color.b, color.a))
             and abs(square - 1.0) < 1e-2)
