@@ -6,10 +6,13 @@
 import fcntl
 import os
 from pathlib import Path
+import struct
 import subprocess
 import sys
+import threading
 import time
 
+from harness import run
 import pytest
 from tetra_ros2.ros import shared_memory
 
@@ -99,6 +102,45 @@ def test_only_what_is_dead_and_settled_and_a_segment_is_removed(tmp_path):
         assert shared_memory.remove_dead(tmp_path, settled=0.0) == 1000
     assert {p.name for p in tmp_path.iterdir()} == before - {dead, f'{dead}_el'}
     assert shared_memory.remove_dead(tmp_path / 'nowhere') == 0
+
+
+MADE, MAKING = struct.pack('<I', 2), struct.pack('<I', 1)
+
+
+def test_ports_and_segments_that_were_not_made_to_the_end_are_removed(tmp_path):
+    for name, content in (
+            ('fastrtps_port7000', b''), ('fastrtps_port7001', MAKING + bytes(100)),
+            ('fastrtps_port7002', MADE + bytes(100)), ('fastrtps_port7003_el', b''),
+            ('fastrtps_' + 'a' * 16, b'0'), ('fastrtps_' + 'b' * 16, MADE), ('precious', b'')):
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / 'fastrtps_port7004').symlink_to(tmp_path / 'precious')
+    assert shared_memory.remove_torn_ports(tmp_path, patience=0.3) == 2
+    shared_memory.remove_dead(tmp_path, settled=0.0)
+    assert {p.name for p in tmp_path.iterdir()} == {
+        'fastrtps_port7002', 'fastrtps_port7003_el', 'fastrtps_port7004',
+        'fastrtps_' + 'b' * 16, 'precious'}
+
+
+def test_a_port_that_is_being_made_is_waited_for_and_kept(tmp_path):
+    port = tmp_path / 'fastrtps_port7000'
+    port.touch()
+    maker = threading.Timer(0.2, port.write_bytes, [MADE])
+    maker.start()
+    assert shared_memory.remove_torn_ports(tmp_path, patience=60.0) == 0
+    maker.join()
+    assert port.read_bytes() == MADE
+
+
+@pytest.mark.skipif(not shared_memory.DIRECTORY.is_dir(), reason='there is no /dev/shm')
+def test_a_node_starts_where_another_one_was_killed_while_it_made_its_port():
+    # The first four that a process of this domain may take; without, it hangs for good.
+    first = 7400 + 250 * int(os.environ['ROS_DOMAIN_ID']) + 10
+    for port in range(first, first + 10):
+        (shared_memory.DIRECTORY / f'fastrtps_port{port}').unlink(missing_ok=True)
+        (shared_memory.DIRECTORY / f'fastrtps_port{port}').touch()
+    status, output, errors = run('launcher', '--duration', '5', '--quiet')
+    assert status == 0, errors
+    assert 'formed' in output
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason='only root can give a file to another user')

@@ -10,13 +10,16 @@ the process is gone, however it went; the segment stays until somebody removes i
 is left for a new one, the process that touches it is killed with SIGBUS.
 
 Ports are left alone: their names are numbers, the next process with the same number takes them
-over, and to remove one while that happens would split it in two.
+over, and to remove one while that happens would split it in two. But not a torn one: a process
+that is killed while it makes a port leaves a file without content, and whoever wants that number
+next would wait for the content, for good and without a word.
 """
 
 import fcntl
 import os
 from pathlib import Path
 import re
+import struct
 import sys
 import time
 
@@ -30,10 +33,17 @@ How old a segment must be to be removed [s].
 Between the making of a segment and its lock there is a moment in which it looks dead.
 """
 
+TORN = 2.0
+"""How long to wait for a port that is being made before it is taken to be torn [s]."""
+
 NEEDED = 16 << 20
 """How much must be free for a formation to use shared memory [bytes]: some twenty processes."""
 
 _LOCK = re.compile('(fastrtps_[0-9a-f]{16})_el')
+_SEGMENT = re.compile('fastrtps_[0-9a-f]{16}')
+_PORT = re.compile('fastrtps_port[0-9]+')
+_STATE = struct.Struct('<I')  # what boost::interprocess has in front of the content
+_MADE = 2
 _TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
 
 
@@ -46,16 +56,74 @@ def remove_dead(directory: Path = DIRECTORY, settled: float = SETTLED) -> int:
     :returns: how many bytes that set free
     """
     freed = 0
-    try:
-        found = [entry for entry in os.scandir(directory) if _LOCK.fullmatch(entry.name)]
-    except OSError:  # another system than Linux, or not allowed
-        return 0
-    for entry in found:
+    for name in _names(directory):
         try:
-            freed += _remove_if_dead(directory, entry.name, settled)
+            if _LOCK.fullmatch(name):
+                freed += _remove_if_dead(directory, name, settled)
+            elif _SEGMENT.fullmatch(name) and not (directory / f'{name}_el').exists():
+                _remove_if_torn(directory / name, settled)
         except OSError:  # somebody else was quicker, or it is not ours to remove
             continue
     return freed
+
+
+def remove_torn_ports(directory: Path = DIRECTORY, patience: float = TORN) -> int:
+    """
+    Remove the ports that this user's processes were killed in the making of.
+
+    A port is made within a millisecond. One that is not made yet may be about to be, so that it
+    is waited for.
+
+    :param directory: where they are
+    :param patience: how long to wait [s]
+    :returns: how many were removed
+    """
+    removed = 0
+    for name in _names(directory):
+        if not _PORT.fullmatch(name):
+            continue
+        port = directory / name
+        try:
+            while _is_torn(port):
+                if _remove_if_torn(port, patience):
+                    removed += 1
+                    break
+                time.sleep(0.01)
+        except OSError:  # gone, or not ours
+            continue
+    return removed
+
+
+def _names(directory: Path) -> list[str]:
+    try:
+        return os.listdir(directory)
+    except OSError:  # another system than Linux, or not allowed
+        return []
+
+
+def _is_torn(file: Path) -> bool:
+    """
+    Return whether a file of this user was not made to the end.
+
+    :raises OSError: if it is gone, or cannot be read
+    """
+    descriptor = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        if os.fstat(descriptor).st_uid != os.geteuid():
+            return False
+        state = os.read(descriptor, _STATE.size)
+        return len(state) < _STATE.size or _STATE.unpack(state) != (_MADE,)
+    finally:
+        os.close(descriptor)
+
+
+def _remove_if_torn(file: Path, settled: float) -> bool:
+    """Remove a file that was not made to the end, and will not be; return whether it was one."""
+    status = file.lstat()
+    if not _is_torn(file) or time.time() - status.st_ctime < settled:
+        return False
+    file.unlink()
+    return True
 
 
 def _remove_if_dead(directory: Path, lock_name: str, settled: float) -> int:
@@ -87,6 +155,7 @@ def prepare(directory: Path = DIRECTORY) -> None:
     ``FASTDDS_BUILTIN_TRANSPORTS`` decides instead, if it is set.
     """
     remove_dead(directory)
+    remove_torn_ports(directory)
     if _TRANSPORTS in os.environ:
         return
     try:
