@@ -3,12 +3,15 @@
 
 """Of a torn recording, all that is in its files is in the new one, and the torn one is kept."""
 
-from contextlib import suppress
+from contextlib import closing, suppress
+import os
 import re
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
+import threading
 
 import bags
 from harness import run
@@ -52,6 +55,7 @@ def write(begin, end):
                for k in range(begin, end)])
 write(1, {count} + 1)
 bag.flush()
+bag.describe()
 write({count} + 1, 2 * {count})
 os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -90,9 +94,53 @@ def test_a_torn_bag_without_metadata_is_recovered(tmp_path, storage):
     assert found.last == {'/a': 500, '/b': 499}
 
 
-def test_sqlite_that_was_torn_can_be_read_as_it_is(tmp_path):
+def test_sqlite_that_was_torn_can_be_read_as_it_is_by_whoever_knows_sqlite(tmp_path):
     path, flushed = tear(tmp_path, 'sqlite3')
-    assert contents(path) == flushed
+    with closing(sqlite3.connect(data_file(path))) as database:
+        found = database.execute(
+            'SELECT name, timestamp, data FROM messages JOIN topics ON topics.id = topic_id '
+            'ORDER BY messages.id').fetchall()
+    assert found == flushed
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_a_disk_that_does_not_answer_holds_up_nothing(tmp_path, storage, monkeypatch):
+    """What was flushed is in the system's hands, and outlives the process; see kill above."""
+    patience, synced = threading.Event(), []
+
+    def hang(number):
+        synced.append(number)
+        assert patience.wait(30.0)
+
+    monkeypatch.setattr(os, 'fdatasync', hang)
+    bag = Bag(tmp_path / 'bag', storage)
+    topic = bag.add('/a', 'std_msgs/msg/Float64', 'float64 data', 'RIHS01_' + 64 * '0')
+    for k in range(5):
+        bag.write([(topic, k + 1, bytes(12))])
+        bag.flush()
+    shutil.copytree(tmp_path / 'bag', tmp_path / 'torn')
+    assert len(synced) == 1
+    patience.set()
+    bag.close()
+    recover.recover(tmp_path / 'torn', tmp_path / 'new')
+    assert len(contents(tmp_path / 'new')) == 5
+    assert len(contents(tmp_path / 'bag')) == 5
+    assert recover.is_whole(tmp_path / 'bag')
+
+
+def test_the_log_of_sqlite_goes_into_the_database_now_and_then(tmp_path):
+    bag = Bag(tmp_path / 'bag', 'sqlite3')
+    topic = bag.add('/a', 'std_msgs/msg/Float64', 'float64 data', 'RIHS01_' + 64 * '0')
+    for k in range(200):
+        bag.write([(topic, 100 * k + i + 1, bytes(1000)) for i in range(100)])
+        bag.flush()
+        bag._storage._disk.wait()
+    log, = (tmp_path / 'bag').glob('*-wal')
+    assert log.stat().st_size < 4 << 20
+    assert data_file(tmp_path / 'bag').stat().st_size > 15 << 20
+    bag.close()
+    assert not log.exists()
+    assert len(contents(tmp_path / 'bag')) == 20_000
 
 
 @pytest.mark.parametrize('storage', STORAGES)

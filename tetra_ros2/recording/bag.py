@@ -6,17 +6,20 @@ A rosbag2 directory that can be read however the process that writes it ends.
 
 rosbags writes the files. Its storages keep what they have until a chunk of MCAP is a megabyte
 long, and SQLite's single transaction until the end; these here put it on the disk when they are
-told to. A bag says in its metadata that it is not finished until it is.
+told to. First it goes into the system's hands, where it outlives every process. That takes no
+longer when the disk is busy: the disk itself is waited for in a thread of its own. A bag says in
+its metadata that it is not finished until it is.
 """
 
 from collections import defaultdict
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from copy import copy
 import errno
 from io import BytesIO, FileIO
 import os
 from pathlib import Path
+import sqlite3
 import struct
 import time
 from typing import Any, ClassVar
@@ -34,6 +37,7 @@ DESCRIPTION_PERIOD = 30.0
 """How often the counts in the metadata are brought up to date [s]."""
 
 _CHUNK_SIZE = 1 << 20
+_LOG_SIZE = 1 << 20  # of SQLite's write-ahead log, after which it goes into the database
 _MESSAGE = struct.Struct('<BQHIQQ')
 _MESSAGE_OPCODE, _MESSAGE_HEAD = 5, 22
 
@@ -48,6 +52,40 @@ class _File(FileIO):
         return len(data)
 
 
+class _Disk:
+    """
+    Waits for the disk, in a thread: it may take longer than there is time between two messages.
+
+    :param sync: puts on the disk what the system has been given so far
+    """
+
+    def __init__(self, sync: Callable[[], None]) -> None:
+        self._sync = sync
+        self._thread = ThreadPoolExecutor(1, 'disk')
+        self._asked: list[Future[None]] = []
+
+    def hurry(self) -> None:
+        """Have all that was written so far put on the disk; raise what went wrong before."""
+        self._collect()
+        # One may be at work; the one that waits for its turn will find all that is there by then.
+        if len(self._asked) < 2:
+            self._asked.append(self._thread.submit(self._sync))
+
+    def _collect(self) -> None:
+        while self._asked and self._asked[0].done():
+            self._asked.pop(0).result()
+
+    def wait(self) -> None:
+        """Wait until it is done; raise what went wrong."""
+        while self._asked:
+            self._asked.pop(0).result()
+
+    def close(self) -> None:
+        """Wait until it is done, however it ended, and forget it."""
+        self._thread.shutdown()
+        self._asked.clear()
+
+
 class _Mcap(McapWriter):
     """An MCAP file that closes a chunk when it is told to."""
 
@@ -57,8 +95,7 @@ class _Mcap(McapWriter):
         self.bio = _File(self.path, 'r+')
         self.bio.seek(0, os.SEEK_END)
         self._good = self.bio.tell(), self.message_end_time
-        self._disk = ThreadPoolExecutor(1, 'disk')
-        self._synced: Future[None] | None = None
+        self._disk = _Disk(lambda: os.fdatasync(self.bio.fileno()))
 
     def write_many(self, rows: list[tuple[int, int, bytes]]) -> None:
         """Write messages: number of the connection, time [ns], bytes."""
@@ -87,18 +124,10 @@ class _Mcap(McapWriter):
         self._good = self.bio.tell(), self.message_end_time
 
     def flush(self) -> None:
-        """Put all messages on the disk, that is, into the system's hands; it is told to hurry."""
+        """Put all messages into the system's hands, and tell it to hurry."""
         if self.chunk.msgs:
             self.close_chunk()
-        if self._synced is None or self._synced.done():
-            self._wait()
-            # Not waited for: a disk may take longer than there is time between two messages.
-            self._synced = self._disk.submit(os.fdatasync, self.bio.fileno())
-
-    def _wait(self) -> None:
-        synced, self._synced = self._synced, None
-        if synced is not None:
-            synced.result()
+        self._disk.hurry()
 
     def rewind(self) -> dict[int, int]:
         """Take back what is not on the disk as a whole; return what is, by connection."""
@@ -106,7 +135,7 @@ class _Mcap(McapWriter):
         self.bio.truncate(end)
         self.bio.seek(end)
         self.chunk = PendingChunk(2**63 - 1, 0, BytesIO(), defaultdict(list))
-        self._synced = None
+        self._disk.close()
         return dict(self.channel_stats)
 
     def close(self, version: int, metadata: str) -> None:
@@ -115,25 +144,58 @@ class _Mcap(McapWriter):
             self.close_chunk()
         descriptor = os.dup(self.bio.fileno())
         try:
+            self._disk.wait()
             super().close(version, metadata)
-            self._wait()
             os.fdatasync(descriptor)
         finally:
             os.close(descriptor)
 
     def abort(self) -> None:
         """Leave the file as it is."""
-        self._disk.shutdown()
+        self._disk.close()
         super().abort()
 
 
 class _Sqlite(Sqlite3Writer):
-    """An SQLite file that commits when it is told to."""
+    """
+    An SQLite file that commits when it is told to.
+
+    A commit appends to a write-ahead log, which takes no waiting for the disk. The thread that
+    waits for it also moves the log into the database now and then, and SQLite sees to it that
+    neither is torn whenever the power is cut. Where there can be no such log, as on some network
+    drives, each commit waits for the disk.
+    """
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
+        mode, = self.conn.execute('PRAGMA journal_mode = WAL').fetchone()
+        self._disk: _Disk | None = None
+        if mode == 'wal':
+            self._log = Path(f'{self.path}-wal')
+            self._mover = sqlite3.connect(self.path, check_same_thread=False)
+            self._mover.execute('PRAGMA synchronous = FULL')
+            for pragma in ('synchronous = OFF', 'wal_autocheckpoint = 0'):
+                self.conn.execute(f'PRAGMA {pragma}')
+            self._disk = _Disk(self._sync)
         # Between two commits the file is left alone: it can be read as it is when all has died.
         self.conn.execute('PRAGMA cache_spill = OFF')
+
+    def _sync(self) -> None:
+        # SQLite holds no lock on the log that closing it here could give up.
+        with self._log.open('rb') as log:
+            os.fdatasync(log.fileno())
+            size = os.fstat(log.fileno()).st_size
+        if size > _LOG_SIZE:
+            self._mover.execute('PRAGMA wal_checkpoint(PASSIVE)').fetchall()
+
+    def _leave_log(self) -> None:
+        """Move all of the log into the database, and do without it from now on."""
+        if self._disk is not None:
+            self._disk.close()
+            self._disk = None
+            self._mover.close()
+            self.conn.execute('PRAGMA synchronous = FULL')
+            self.conn.execute('PRAGMA journal_mode = DELETE').fetchall()
 
     def write_many(self, rows: list[tuple[int, int, bytes]]) -> None:
         """Write messages: number of the connection, time [ns], bytes."""
@@ -141,13 +203,32 @@ class _Sqlite(Sqlite3Writer):
             'INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)', rows)
 
     def flush(self) -> None:
-        """Put all messages on the disk."""
+        """Put all messages into the system's hands, and tell it to hurry."""
         self.conn.commit()
+        if self._disk is not None:
+            self._disk.hurry()
 
     def rewind(self) -> dict[int, int]:
         """Take back what is not on the disk as a whole; return what is, by connection."""
+        if self._disk is not None:
+            self._disk.close()
         self.conn.rollback()
         return dict(self.conn.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id'))
+
+    def close(self, version: int, metadata: str) -> None:
+        """Complete the file."""
+        self.conn.commit()
+        if self._disk is not None:
+            self._disk.wait()
+        self._leave_log()
+        super().close(version, metadata)
+
+    def abort(self) -> None:
+        """Leave the file as it is, but for what was not committed."""
+        if self._disk is not None:
+            self._disk.close()
+            self._mover.close()
+        super().abort()
 
 
 class _Described:
@@ -183,8 +264,6 @@ class Bag:
         self._counts: dict[int, int] = {}
         self._start, self._end = self._writer.min_timestamp, 0
         self._described = -DESCRIPTION_PERIOD
-        self._clerk = ThreadPoolExecutor(1, 'clerk')
-        self._description: Future[None] | None = None
         self.dirty = False
 
     def add(self, topic: str, type_name: str, definition: str, type_hash: str,
@@ -216,18 +295,20 @@ class Bag:
             raise FileNotFoundError(errno.ENOENT, 'it was removed', str(self._storage.path))
         self._storage.flush()
         self.dirty = False
-        if time.monotonic() - self._described >= DESCRIPTION_PERIOD and (
-                self._description is None or self._description.done()):
-            self._wait()
-            # Not waited for: it takes as long as a thousand messages.
-            self._description = self._clerk.submit(self._describe().close)
-            self._described = time.monotonic()
 
-    def _wait(self) -> None:
-        """Wait for the metadata that are being written, so that they do not come last."""
-        description, self._description = self._description, None
-        if description is not None:
-            description.result()
+    @property
+    def outdated(self) -> bool:
+        """Return whether :meth:`describe` is due."""
+        return time.monotonic() - self._described >= DESCRIPTION_PERIOD
+
+    def described(self) -> None:
+        """Take note that :meth:`describe` is being seen to."""
+        self._described = time.monotonic()
+
+    def describe(self) -> None:
+        """Write the metadata of a bag that is not finished; takes as long as many messages."""
+        self.described()
+        self._describe().close()
 
     def _describe(self) -> Writer:
         """Return what writes the metadata of a bag that is not finished."""
@@ -243,15 +324,12 @@ class Bag:
     def close(self) -> None:
         """Complete the bag."""
         self.flush()
-        self._wait()
         self._writer.counts = dict(self._counts)
         self._writer.min_timestamp, self._writer.max_timestamp = self._start, self._end
         self._writer.close()
 
     def salvage(self) -> None:
         """Complete the bag with what is safe, where something could not be written."""
-        with suppress(OSError):  # it may be what could not be written
-            self._wait()
         self._counts = {**dict.fromkeys(self._counts, 0), **self._storage.rewind()}
         self._writer.counts = dict(self._counts)
         self._writer.min_timestamp, self._writer.max_timestamp = self._start, self._end
@@ -259,5 +337,4 @@ class Bag:
 
     def abort(self) -> None:
         """Leave the bag as it is."""
-        self._clerk.shutdown()
         self._writer.abort()

@@ -12,6 +12,7 @@ than a second before is on the disk, and :mod:`tetra_ros2.recording.recover` mak
 """
 
 from contextlib import suppress
+from functools import cache
 import marshal
 import os
 from pathlib import Path
@@ -25,8 +26,7 @@ import time
 PIPE_SIZE = 1 << 20
 """How much may wait to be written before the recorder waits [bytes], where it can be chosen."""
 
-
-FLUSH_PERIOD = 0.25
+FLUSH_PERIOD = 0.2
 """How long a message may wait before it is put on the disk [s]."""
 
 _LENGTH = struct.Struct('<I')
@@ -137,22 +137,63 @@ def main(path, storage):
         except BrokenPipeError:
             sys.stdout = None  # nobody is left to hear it
 
-    bag = None
+    bag, clerk = None, _Clerk()
     try:
         # Where rosbags lacks something, the recorder is to say so, too.
         from tetra_ros2.recording.bag import Bag
         bag = Bag(Path(path), storage)
         answer(None)
-        _serve(bag, sys.stdin.buffer.raw, answer)
+        _serve(bag, sys.stdin.buffer.raw, answer, clerk)
+        clerk.wait()
         bag.close()
     # A full disk is an OSError or one of SQLite's, and rosbags has errors of its own; whatever
     # ends the recording, the recorder is to know of it.
     except Exception as error:
+        clerk.wait()
         kept = bag is not None and _salvage(bag)
         answer(f'{_reason(error)}{"" if kept or bag is None else _TORN.format(path)}')
         return 1
     answer(None)
     return 0
+
+
+class _Clerk:
+    """
+    Writes the metadata now and then, in a process of its own.
+
+    It takes as long as a thousand messages, for 32 agents as long as fifty thousand. A thread
+    would have Python to itself meanwhile, and on a busy machine messages would wait for seconds.
+    """
+
+    def __init__(self):
+        self._process = None
+
+    def see_to(self, bag):
+        """Have the metadata written if that is due, and the last time is over."""
+        if not bag.outdated or not self._is_idle():
+            return
+        bag.described()
+        self._process = os.fork()
+        if self._process:
+            return
+        try:
+            os.nice(10)
+            for pipe in (0, 1):  # whose other ends are to notice when the parent is killed
+                os.close(pipe)
+            bag.describe()
+        finally:
+            os._exit(0)  # whatever went wrong, it will go wrong for the messages too
+
+    def _is_idle(self):
+        if self._process is not None and os.waitpid(self._process, os.WNOHANG)[0]:
+            self._process = None
+        return self._process is None
+
+    def wait(self):
+        """Wait until it is written, so that it does not come last."""
+        if self._process is not None:
+            os.waitpid(self._process, 0)
+            self._process = None
 
 
 _TORN = '; the recording is torn: tetra recover {}'
@@ -175,7 +216,7 @@ def _salvage(bag):
     return True
 
 
-def _serve(bag, requests, answer):
+def _serve(bag, requests, answer, clerk):
     """Do what the recorder asks for until it ends, and put it on the disk in time."""
     topics, due = [], None
     while True:
@@ -186,6 +227,7 @@ def _serve(bag, requests, answer):
             # An input that never pauses must not put it off.
             if now >= due or not select.select([requests], [], [], due - now)[0]:
                 bag.flush()
+                clerk.see_to(bag)
                 due = None
                 continue
         request = _next(requests)
@@ -223,14 +265,22 @@ def _read(stream, count):
 
 
 def _add(bag, name, type_name, type_hash, profiles):
+    definition = _definition(type_name)
+    if definition is None:
+        return None
+    return bag.add(name, type_name, definition, type_hash, [_profile(*p) for p in profiles])
+
+
+@cache
+def _definition(type_name):
+    """Return the definition of a type, or None if it is unknown."""
     # The recorder needs nothing of these, only the process that writes.
     from rosbags.typesys import get_typestore, Stores
     from rosbags.typesys.base import TypesysError
     try:
-        definition, _ = get_typestore(Stores.ROS2_JAZZY).generate_msgdef(type_name, ros_version=2)
+        return get_typestore(Stores.ROS2_JAZZY).generate_msgdef(type_name, ros_version=2)[0]
     except (KeyError, TypesysError):
         return None
-    return bag.add(name, type_name, definition, type_hash, [_profile(*p) for p in profiles])
 
 
 def _profile(history, depth, reliability, durability, deadline, lifespan, liveliness, lease,
