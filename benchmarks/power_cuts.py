@@ -8,8 +8,8 @@ A formation runs at the pace of the clock, in one process or in one for each nod
 moment one of its processes, or the recorder together with the process that writes, is killed with
 SIGKILL. Then the bag, after ``tetra recover`` where it is torn, must hold every message that came
 more than a second before: no fewer on any topic than the recorder had told in its diagnostics by
-then, none missing in between, and the last state no older than a second against what somebody who
-listens had heard.
+then, every state in between that somebody who listens had heard, and the last stamp of each topic
+no older than a second against that.
 """
 
 import argparse
@@ -17,8 +17,6 @@ from collections import Counter, defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-import fcntl
-from itertools import pairwise
 import os
 from pathlib import Path
 import random
@@ -32,6 +30,7 @@ import tempfile
 import threading
 import time
 
+from benchmarks.domain import reserved
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from rclpy.context import Context
@@ -48,14 +47,6 @@ RATE = 100
 
 DEADLINE = 30.0
 """How long anything else may take [s]."""
-
-GAP = 10
-"""
-How many steps may be missing in the middle of a topic.
-
-Its writer keeps but the last message, so that one may be overwritten before a busy machine sends
-it; what the process that writes would lose is some forty steps.
-"""
 
 STORAGES = ('mcap', 'sqlite3')
 VICTIMS = {
@@ -95,21 +86,35 @@ class Listener:
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(node)
         self._ending = False
-        self.heard = []  # stamp [ns], when it came [s]
-        self.counts = []  # by topic, how many messages the recorder had, and when it said so [s]
+        self._path = None
+        # When they came is what DDS says, by the system's clock: this process may be busy.
+        self.heard = []  # stamp [ns], when it came [ns]
+        self.counts = []  # by topic, how many messages the recorder had, and when it said so [ns]
         self._thread = threading.Thread(target=self._listen)
         self._thread.start()
 
-    def _hear(self, message):
-        self.heard.append((_stamp(message), time.monotonic()))
+    def begin(self, path):
+        """
+        Forget what was heard.
 
-    def _note(self, message):
+        :param path: of the recording whose recorder counts from now on: what the one before said
+            last may still be on its way
+        """
+        self._path = str(path)
+        self.heard.clear()
+        self.counts.clear()
+
+    def _hear(self, message, info):
+        self.heard.append((_stamp(message), info['received_timestamp']))
+
+    def _note(self, message, info):
         for status in message.status:
-            if status.name == '/recorder':
+            values = {item.key: item.value for item in status.values}
+            if status.name == '/recorder' and values['path'] == self._path:
                 self.counts.append((
-                    {item.key.removeprefix('messages on '): int(item.value)
-                     for item in status.values if item.key.startswith('messages on ')},
-                    time.monotonic()))
+                    {key.removeprefix('messages on '): int(value)
+                     for key, value in values.items() if key.startswith('messages on ')},
+                    info['received_timestamp']))
 
     def _listen(self):
         while not self._ending:
@@ -119,6 +124,9 @@ class Listener:
         """Listen no more."""
         self._ending = True
         self._thread.join()
+        for node in self._executor.get_nodes():
+            node.destroy_node()
+        self._executor.shutdown()
         self.context.try_shutdown()
 
 
@@ -167,6 +175,7 @@ class Formation:
         :param delay: how long to record before [s]
         :param path: of the bag to make
         """
+        self.listener.begin(path)
         if layout == 'launcher':
             recorder = 'launcher'
             self.start(recorder, 'launcher', '--duration', '1e6', '--quiet', '--record', path,
@@ -176,10 +185,9 @@ class Formation:
             for name in ('plant', 'monitor', *(f'agent_{i}' for i in range(1, 5))):
                 self.start_node(name)
             self.start(recorder, 'recorder', '--output', path, '--storage', storage)
-        self.listener.heard.clear()
-        self.listener.counts.clear()
-        _wait(lambda: self.listener.counts and sum(self.listener.counts[-1][0].values()) > RATE
-              and len(self.listener.heard) > RATE // 4, 'the recording')
+        _wait(lambda: self.listener.counts and len(self.listener.heard) > RATE // 4
+              and min(self.listener.counts[-1][0].values()) > 1
+              and '/formation/attitudes' in self.listener.counts[-1][0], 'the recording')
         time.sleep(delay)  # a moment at random is what this is about
         writer = _writer_of(self.processes[recorder].pid)
         pids = {'writer': [writer], 'both': [writer, self.processes[recorder].pid]}.get(victim)
@@ -188,13 +196,14 @@ class Formation:
             pids = [self.processes[name].pid]
         for pid in pids:
             os.kill(pid, signal.SIGKILL)
-        killed = time.monotonic()
-        heard = [(stamp, at) for stamp, at in list(self.listener.heard) if at <= killed]
-        told = [counts for counts, at in list(self.listener.counts) if at <= killed - PROMISE]
+        killed = time.time_ns()
         if victim not in (recorder, 'both'):
             self.processes[recorder].send_signal(signal.SIGINT)
         self.processes[recorder].wait(timeout=DEADLINE)
         _wait(lambda: not Path(f'/proc/{writer}').exists(), 'the end of the process that writes')
+        heard = [(stamp, at) for stamp, at in list(self.listener.heard) if at <= killed]
+        told = [counts for counts, at in list(self.listener.counts)
+                if at <= killed - PROMISE * 1e9]
         return _look(path, heard, told[-1] if told else {}, killed)
 
 
@@ -238,26 +247,16 @@ def _look(path, heard, told, killed):
         return Outcome(torn, 0.0, f'messages are missing: {dict(fewer)}')
     if '/formation/attitudes' not in stamps:
         return Outcome(torn, 0.0, 'there is no state in it')
+    states = set(stamps['/formation/attitudes'])
+    if holes := sum(min(states) < stamp < max(states) and stamp not in states
+                    for stamp, _ in heard):
+        return Outcome(torn, 0.0, f'{holes} states are missing in between')
     lost = 0.0
-    for topic, found in stamps.items():
-        ordered = sorted(set(found))
-        if max((b - a for a, b in pairwise(ordered)), default=0) > GAP * 10**9 // RATE:
-            return Outcome(torn, 0.0, f'steps are missing on {topic}')
-        missing = [at for stamp, at in heard if stamp > ordered[-1]]
-        lost = max(lost, killed - min(missing, default=killed))
+    for found in stamps.values():
+        last = max(found)
+        missing = [at for stamp, at in heard if stamp > last]
+        lost = max(lost, (killed - min(missing, default=killed)) / 1e9)
     return Outcome(torn, lost, None if lost <= PROMISE else f'{lost:.2f} s are lost')
-
-
-def _reserve():
-    """Return a ROS domain that no test and no other of these has, and its lock."""
-    for domain in range(101, 0, -1):
-        lock = (Path(tempfile.gettempdir()) / f'tetra_ros2_test_domain_{domain}').open('w')
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return domain, lock
-        except OSError:
-            lock.close()
-    raise RuntimeError('all ROS domains are taken')
 
 
 def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_: None):
@@ -275,11 +274,10 @@ def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_
     outcomes = defaultdict(list)
     with tempfile.TemporaryDirectory(prefix='tetra_power_cuts_') as directory:
         def work(job):
-            domain, lock = _reserve()
             home = Path(directory) / str(job)
             home.mkdir()
             layouts = {}
-            with lock:
+            with reserved() as domain:
                 for number, (layout, *rest, delay) in list(enumerate(plan))[job::jobs]:
                     if layout not in layouts:
                         # One at a time: both are in the same domain.
@@ -331,6 +329,7 @@ def main():
 
     def progress(number, layout, victim, storage, outcome):
         print(f'{number}: {layout}, {victim}, {storage}: '
+              f'{"torn" if outcome.torn else "whole"}, '
               f'{outcome.problem or f"{outcome.lost:.2f} s"}', file=sys.stderr, flush=True)
 
     outcomes = run(arguments.kills, arguments.seed, arguments.jobs, progress=progress)
