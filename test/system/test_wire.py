@@ -313,3 +313,7 @@ def test_quality_of_service_follows_the_standard_override_parameters():
         info, = bench.wait_for(lambda: probe.node.get_subscriptions_info_by_topic(
             'agent_1/relative_attitude/agent_2'), 'the other topics')
         assert info.qos_profile.reliability.name == 'RELIABLE', 'overrides do not leak'
+        # Those of all topics would double the time that a large formation takes to start.
+        declared = {name for name in bench.node._parameters if name.startswith('qos_overrides')}
+        assert declared == {f'qos_overrides./agent_1/cmd_vel.publisher.{policy}'
+                            for policy in ('depth', 'history', 'reliability')}

@@ -60,13 +60,23 @@ class FormationNode(Node):
         :returns: the subscription
         """
         receive = self._guard(callback) if guarded else callback
-        options = {'raw': True, 'qos_overriding_options':
-                   QoSOverridingOptions.with_default_policies()}
         subscription = self.create_subscription(
-            message_type, topic, receive, copy(profile), event_callbacks=self._events(
-                topic, 'publishers', lambda: self._relax(subscription)), **options)
+            message_type, topic, receive, copy(profile), raw=True,
+            event_callbacks=self._events(
+                topic, 'publishers', lambda: self._relax(subscription)),
+            qos_overriding_options=self._overriding(topic))
         self.inputs.append(subscription)
         return subscription
+
+    def _overriding(self, topic):
+        """
+        Return the options for a topic whose quality of service the user overrides, else None.
+
+        For each topic they bring three parameters, which take as long as the topic itself.
+        """
+        prefix = f'qos_overrides.{self.resolve_topic_name(topic)}.'
+        overridden = any(name.startswith(prefix) for name in self._parameter_overrides)
+        return QoSOverridingOptions.with_default_policies() if overridden else None
 
     def _relax(self, subscription):
         """
@@ -149,7 +159,7 @@ class FormationNode(Node):
         publisher = self.create_publisher(
             message_type, topic, copy(profile),
             event_callbacks=self._events(topic, 'subscribers'),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+            qos_overriding_options=self._overriding(topic))
         self.outputs.append(publisher)
         if exclusive:
             self.exclusive_outputs.append(publisher.topic_name)
