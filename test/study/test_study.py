@@ -6,13 +6,17 @@
 import json
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
+import time
 
+from harness import DEADLINE
 import numpy as np
 import pytest
 from tetra_ros2.cli import main
+from tetra_ros2.commands import study as command
 from tetra_ros2.launcher import Launcher
 from tetra_ros2.signals import INTERRUPTED
 from tetra_ros2.study import executors, montecarlo
@@ -179,6 +183,47 @@ def test_a_study_goes_on_where_it_was_stopped(tmp_path, inline):
     assert run(stopped, '--starts', '60', '--resume') == 0
     assert run(whole, '--starts', '60') == 0
     assert files(stopped) == files(whole)
+
+
+@pytest.mark.parametrize('moment', [0.2, 0.6, 1.0, 1.5, 2.0, 3.0])
+def test_ctrl_c_at_any_moment_ends_all_processes_without_a_traceback(tmp_path, moment):
+    with subprocess.Popen(
+            [sys.executable, '-m', 'tetra_ros2', 'study', '--starts', '200000', '--workers', '3',
+             '--out', tmp_path / 'a'], start_new_session=True, text=True,
+            env={**os.environ, 'PYTHONPATH': str(TOP)},
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+        time.sleep(moment)  # what is tested is the moment, whatever may be going on in it
+        os.killpg(process.pid, signal.SIGINT)
+        # The end of the output is the end of every process that could write to it.
+        output, _ = process.communicate(timeout=DEADLINE)
+    assert 'tetra_ros2/' not in '\n'.join(re.findall('File ".*', output)), output
+    if 'Traceback' not in output:  # of Python itself, before it has read a line of this package
+        assert process.returncode in (INTERRUPTED, -signal.SIGINT), output
+
+
+def test_workers_end_with_the_process_that_was_called(tmp_path):
+    with subprocess.Popen(
+            [sys.executable, '-c', STOPPING, 'study', '--starts', '60', '--workers', '1',
+             '--quiet', '--out', tmp_path / 'a'], start_new_session=True, text=True,
+            env={**os.environ, 'PYTHONPATH': str(TOP)}, stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+        assert process.stdout.readline() == 'kept\n'
+        process.kill()
+        output, _ = process.communicate(timeout=DEADLINE)  # until the last of them has ended
+        assert 'Traceback' not in output
+
+
+@pytest.mark.parametrize('formed', [60, 0])
+def test_what_is_printed_has_eighty_columns(capsys, formed):
+    name, starts = 'spinning_dodecahedron_exponential', 10**7
+    command._print({'cases': [{
+        'name': name, 'starts': starts, 'formed': formed,
+        'fraction_above_with_95_percent': 0.9999997,
+        'time_to_form': dict.fromkeys(('0.5', '0.95', '0.999', '1'), 123.45) if formed else {},
+        'histogram': {'counts': [1] * 40 if formed else [], 'edges': [0.0, 500.0]}}]}, 'out')
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == name
+    assert max(map(len, lines)) <= 80
 
 
 def test_wrong_calls_leave_nothing_behind(tmp_path, capsys, inline):

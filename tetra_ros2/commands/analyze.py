@@ -8,9 +8,9 @@ import json
 import math
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+from tetra_ros2.commands._console import make_console
 from tetra_ros2.config import configuration
 from tetra_ros2.config.bodies import physics_from_parameters
 from tetra_ros2.config.configuration import formation_from_parameters
@@ -198,7 +198,7 @@ def _print(a, arguments, bodies):
             f'angles deviate by {a.angle_deviation:.3g} rad')
     if bodies is not None:
         _print_bodies(row, bodies, a.rate)
-    Console(width=None).print(table)
+    make_console().print(table)
 
 
 def _print_bodies(row, b, rate):

@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+from tetra_ros2.commands._console import make_console
 from tetra_ros2.config.configuration import check_new
 from tetra_ros2.config.parameters import ConfigurationError, nearest, shown
 from tetra_ros2.formation import (
@@ -321,7 +322,7 @@ def _print(figures, made, outcome, refusals, arguments):
         row('', f'{outcome.unsettled} had come to nothing yet')
     if arguments.out is not None:
         row('written', f'{arguments.out}; tetra launcher --config {arguments.out} runs it')
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    make_console().print(table)
 
 
 def _what(gamma):

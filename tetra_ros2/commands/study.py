@@ -18,8 +18,6 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
-from rich.text import Text
 from tetra_ros2 import installation, signals
 from tetra_ros2.config import configuration
 from tetra_ros2.config.parameters import ConfigurationError, FORMATION
@@ -80,18 +78,19 @@ def run(arguments):
     plan = make_plan(arguments)
     directory = Path(arguments.out)
     form = _format(arguments)
-    with executors.make_executor(arguments.workers, arguments.scheduler) as (executor, width):
-        montecarlo.prepare(directory, plan, form, arguments.resume)
-        todo = montecarlo.missing(directory, plan)
-        total = plan.chunks * len(plan.cases)
-        try:
+    total = plan.chunks * len(plan.cases)
+    try:
+        with executors.make_executor(arguments.workers, arguments.scheduler) as (executor, width):
+            montecarlo.prepare(directory, plan, form, arguments.resume)
+            todo = montecarlo.missing(directory, plan)
             with _progress(total, total - len(todo), arguments.quiet) as advance:
                 montecarlo.compute(executor, width, plan, directory, todo, advance)
-        except KeyboardInterrupt:
+    except KeyboardInterrupt:
+        if (directory / 'parts').is_dir():
             left = len(montecarlo.missing(directory, plan))
             print(f'interrupted: {total - left} of {total} parts are kept in {directory}; '
                   'go on with --resume', file=sys.stderr)
-            return signals.INTERRUPTED
+        return signals.INTERRUPTED
     summary = montecarlo.conclude(directory, plan, form, arguments.worst)
     if arguments.json:
         print(json.dumps(summary, indent=2, allow_nan=False))
@@ -168,23 +167,15 @@ def _progress(total, done, quiet):
 
 
 def _print(summary, directory):
-    console = Console(width=None if sys.stdout.isatty() else 120)
-    table = Table()
-    table.add_column('case')
-    for heading in ('formed', 'of', 'chance above (95 %)', 'median [s]', '95 %', '99.9 %',
-                    'slowest'):
-        table.add_column(heading, justify='right')
+    """Print a paragraph for each case: on eighty columns a table of this would be cut."""
     for case in summary['cases']:
-        times = case['time_to_form']
-        table.add_row(
-            case['name'], f'{case["formed"]}', f'{case["starts"]}',
-            f'{case["fraction_above_with_95_percent"]:.6%}',
-            *(f'{times[q]:.2f}' if times else '-' for q in ('0.5', '0.95', '0.999', '1')))
-    console.print(table)
-    for case in summary['cases']:
-        counts = case['histogram']['counts']
+        print(f'{case["name"]}\n'
+              f'    formed {case["formed"]} of {case["starts"]}, a chance above '
+              f'{100.0 * case["fraction_above_with_95_percent"]:.6f} % with 95 % confidence')
+        counts, times = case['histogram']['counts'], case['time_to_form']
         if counts:
             bars = ''.join(' ▁▂▃▄▅▆▇█'[math.ceil(8 * c / max(counts))] for c in counts)
-            console.print(Text(f'{case["name"]}: time to form, 0 to '
-                               f'{case["histogram"]["edges"][-1]:.2f} s |{bars}|'))
-    console.print(Text(f'results, slowest starts and summary are in {directory}'))
+            print(f'    after a median of {times["0.5"]:.2f} s, 95 % {times["0.95"]:.2f} s, '
+                  f'99.9 % {times["0.999"]:.2f} s, slowest {times["1"]:.2f} s\n'
+                  f'    0 s |{bars}| {case["histogram"]["edges"][-1]:.2f} s')
+    print(f'results, slowest starts and summary are in {directory}')

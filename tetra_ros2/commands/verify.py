@@ -15,18 +15,15 @@ from typing import Any, TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+from tetra_ros2.commands._console import make_console
 from tetra_ros2.config.parameters import ConfigurationError
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from tetra_ros2.paper.registry import Claim
     from tetra_ros2.paper.verify import Row
 
 WIDE = 140
 """Columns that a table needs; on fewer, each claim is a paragraph."""
-
-NARROW = 80
-"""Columns of a paragraph, unless the terminal has fewer."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,10 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'{arguments.seed} is not valid, expected an integer from 0 up', key='--seed')
     chosen = select(arguments.claims, arguments.without_nodes)
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        # What goes into a file or a pipe does not depend on the terminal it was started in.
-        console = Console(highlight=False, width=NARROW)
+    console = make_console()
     if arguments.list:
         for claim in chosen:
             _paragraph(console, claim.key, claim.label, [claim.says])

@@ -83,8 +83,8 @@ def fastest(gain: Gain, n: int, labelled: bool = False) -> Run:
     """
     Return the fastest there is: what :func:`compiled` returns, or else :func:`run`.
 
-    That is :func:`run` if numba is not installed or cannot compile the gain's family, as one of
-    somebody's own may use more of Python than numba knows.
+    That is :func:`run` if numba is not installed, does not go with this numpy, or cannot compile
+    the gain's family, as one of somebody's own may use more of Python than numba knows.
 
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :param n: number of agents
@@ -92,7 +92,7 @@ def fastest(gain: Gain, n: int, labelled: bool = False) -> Run:
     """
     try:
         import numba  # it is optional
-    except ModuleNotFoundError:
+    except ImportError:  # which it raises too where numpy is too new for it
         return run
     try:
         made = compiled(gain)

@@ -3,14 +3,16 @@
 
 """Who computes a study: processes of this machine, or a Dask cluster."""
 
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context, parent_process
 import os
 import signal
+import threading
+from typing import Any
 
-from tetra_ros2 import installation
+from tetra_ros2 import installation, signals
 from tetra_ros2.config.parameters import ConfigurationError
 
 ANSWER_TIMEOUT = 10.0
@@ -29,10 +31,15 @@ def make_executor(workers: int | None, scheduler: str | None) -> Iterator[tuple[
     if scheduler is None:
         workers = workers or os.cpu_count() or 1
         # Forking a process that has threads, such as those of a progress bar, can hang.
-        executor = ProcessPoolExecutor(
-            workers, mp_context=get_context('spawn'), initializer=_ignore_interrupts)
+        executor = _Workers(
+            workers, mp_context=get_context('spawn'), initializer=_leave_the_end_to_the_parent)
         try:
             yield executor, 2 * workers
+        except BaseException:
+            # What they compute is not wanted any more, and takes seconds.
+            for worker in active_children():
+                worker.kill()
+            raise
         finally:
             executor.shutdown(cancel_futures=True)
         return
@@ -61,6 +68,27 @@ def make_executor(workers: int | None, scheduler: str | None) -> Iterator[tuple[
             executor.shutdown(wait=False)
 
 
-def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the process that was called."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+class _Workers(ProcessPoolExecutor):
+    """Processes that no signal finds while they start, when they would print a traceback."""
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        # This is where processes are started. They inherit what is blocked.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, signals.SIGNALS)
+        try:
+            return super().submit(function, *args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _leave_the_end_to_the_parent() -> None:
+    """Let a worker end when the process that was called does, and not by Ctrl-C."""
+    signals.ignore()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, signals.SIGNALS)
+    parent = parent_process()
+    assert parent is not None
+
+    def follow() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
