@@ -238,3 +238,45 @@ def test_the_patience_grows_until_an_answer_is_quick_enough_and_then_follows_the
     assert trip.patience == pytest.approx(0.02, rel=0.01)
     trip.lengthen()
     assert trip.patience == pytest.approx(0.02, rel=0.01)
+
+
+def test_an_answer_that_comes_too_soon_after_a_repetition_tells_that_it_was_not_needed():
+    """Else who has become slower than the patience would be sent everything twice for good."""
+    trip = RoundTrip()
+    for _ in range(50):
+        trip.take(0.0005)
+    assert trip.patience == lockstep.SHORTEST_PATIENCE
+    assert trip.was_needed(0.0004, 0.0024), 'it may answer either'
+    assert trip.patience == lockstep.SHORTEST_PATIENCE
+    for _ in range(40):
+        assert not trip.was_needed(0.0001, 0.0041)
+    assert trip.patience == 0.0041, 'as long as this one took, and no longer'
+
+
+def hiccup(clocks, plant, stepper, milliseconds):
+    """Let a step be repeated, after many that were not, and answered so long after that."""
+    for _ in range(50):
+        clocks.advance(1_000_000)
+        answer(stepper)
+    clocks.advance(5_000_000)
+    plant.tick()
+    clocks.advance(round(milliseconds * 1e6))
+    answer(stepper)
+
+
+def test_in_lockstep_it_is_looked_more_often_only_where_something_was_lost(clocks):
+    plant, stepper = begin(Lockstep, clocks)
+    watchdog = len(plant.timers)
+    hiccup(clocks, plant, stepper, 0.1)
+    plant.tick()
+    assert stepper.repetitions == 1
+    assert len(plant.timers) == watchdog, 'this process was busy, and the answer there already'
+    hiccup(clocks, plant, stepper, 1.0)
+    plant.tick()
+    assert stepper.repetitions == 2
+    assert len(plant.timers) == watchdog + 1
+    clocks.advance(round(lockstep.ALERT * 1e9))
+    answer(stepper)
+    plant.tick()
+    plant.tick()
+    assert len(plant.timers) == watchdog

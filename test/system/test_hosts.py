@@ -147,12 +147,14 @@ def _loss_partition_and_reboot():
 def _lockstep_under_loss():
     with network(mode='lockstep') as net:
         assert net.watcher.wait(lambda: net.watcher.fresh, 30.0)
-        for loss, least in ((0.1, 50.0), (0.3, 15.0)):
+        # Where others take most of the machine it is slow without loss, too; 750 is usual.
+        share = min(1.0, max(net.steps_per_second(100.0, 1.0) for _ in range(4)) / 500.0)
+        for loss, least in ((0.1, 100.0), (0.3, 40.0)):
             net.hosts.network(loss=loss)
             net.watcher.wait(lambda: False, 1.0)
             # Waiting a fixed time for each repetition made 7 of both.
             # On a busy machine not every moment is one in which it can show its pace.
-            assert any(net.steps_per_second(100.0, 2.0) > least for _ in range(8))
+            assert any(net.steps_per_second(100.0, 2.0) > least * share for _ in range(8))
 
 
 def _reboot_of_the_plant():

@@ -14,8 +14,14 @@ from tetra_ros2.ros import diagnostics, qos
 from tetra_ros2.ros.node import raw_publish
 from tetra_ros2.wire import cdr, names
 
-SHORTEST_PATIENCE = 4e-3
+SHORTEST_PATIENCE = 2e-3
 """How long to wait for answers at least before measurements are repeated [s]."""
+
+FIRST_PATIENCE = 40e-3
+"""How long to wait for them before it is known how long they take [s]."""
+
+TOO_SOON = 0.5
+"""After what part of the shortest time that answers ever took, none can be there yet."""
 
 LENGTHENING = 1.05
 """By how much the patience grows with each answer that was taken for lost and came."""
@@ -38,18 +44,37 @@ class RoundTrip:
     """
 
     def __init__(self) -> None:
-        self.patience = 10.0 * SHORTEST_PATIENCE
+        self.patience = FIRST_PATIENCE
         self._mean: float | None = None
         self._deviation = 0.0
+        self._shortest = 0.0
 
     def take(self, seconds: float) -> None:
-        """Take how long the last answer to a step took, if nothing of that step was repeated."""
+        """Take how long the last answer took of those before anything of a step was repeated."""
         if self._mean is None:
-            self._mean, self._deviation = seconds, 0.5 * seconds
+            self._mean, self._deviation, self._shortest = seconds, 0.5 * seconds, seconds
         else:
+            if seconds < self._shortest:
+                self._shortest = seconds
             self._deviation += 0.25 * (abs(seconds - self._mean) - self._deviation)
             self._mean += 0.125 * (seconds - self._mean)
         self.patience = max(SHORTEST_PATIENCE, self._mean + 4.0 * self._deviation)
+
+    def was_needed(self, seconds: float, since_before: float) -> bool:
+        """
+        Return whether the last repetition before the last answer to a step was needed.
+
+        Nobody knows which one the answer answers, so that nothing can be learnt from it; but for
+        one that came too soon to answer the last. Then the patience grows. Else whoever has
+        become slower than that would be sent everything twice for good.
+
+        :param seconds: how long after the last repetition it came
+        :param since_before: how long after what was sent before that
+        """
+        if seconds >= TOO_SOON * self._shortest:
+            return True
+        self.patience = min(LENGTHENING * self.patience, since_before)
+        return False
 
     def lengthen(self) -> None:
         """
@@ -98,7 +123,9 @@ class Lockstep(Stepper):
         self._pace = None  # between two steps [s]
         self._round_trip = RoundTrip()
         self._repeated = 0  # how often this step was repeated
-        self._repeated_at = 0.0
+        self._repeated_at = self._sent_before = 0.0  # the last time, and what came before that
+        self._heard_at = 0.0  # the last answer before anything of its step was repeated
+        self._lost_at = -ALERT  # when it last turned out that something had been lost
         self._watchdog = self._rapid = self._pacer = None
         self._send_time = raw_publish(
             plant.offer(ClockMessage, names.CLOCK, qos.NEWEST, exclusive=True))
@@ -163,9 +190,15 @@ class Lockstep(Stepper):
             self._rates[i] = rate
             self._missing &= ~bit
             if not self._missing:
-                if not self._repeated:  # otherwise nobody knows which one was answered
-                    self._round_trip.take(time.monotonic() - self._waiting_since)
+                now = time.monotonic()
+                if not self._repeated:
+                    self._round_trip.take(now - self._waiting_since)
+                elif self._round_trip.was_needed(
+                        now - self._repeated_at, now - self._sent_before):
+                    self._lost_at = now
                 self._advance()
+            elif self._rapid is not None and not self._repeated:
+                self._heard_at = time.monotonic()
         elif stamp > self.stamp + 1:  # a stop is one nanosecond younger than what it follows
             raise Rejected(Rejected.FUTURE_STAMP)
         else:
@@ -206,9 +239,9 @@ class Lockstep(Stepper):
     def _on_watchdog(self):
         """Look after the step at hand, and more often for a while once something was lost."""
         self._look()
-        losing = time.monotonic() - self._repeated_at < ALERT
+        losing = time.monotonic() - self._lost_at < ALERT
         if losing and self._rapid is None:
-            self._rapid = self._plant.create_steady_timer(0.5 * SHORTEST_PATIENCE, self._look)
+            self._rapid = self._plant.create_steady_timer(0.25 * SHORTEST_PATIENCE, self._look)
         elif not losing and self._rapid is not None:
             self._plant.destroy_timer(self._rapid)
             self._rapid = None
@@ -227,15 +260,20 @@ class Lockstep(Stepper):
         if not (self._missing or self.paused or not self._due):
             self._advance()
             return
-        since = now - max(self._repeated_at, self._waiting_since)
+        sent_at = max(self._repeated_at, self._waiting_since)
+        since = now - sent_at
         often = self._repeated < OFTEN and self._missing & self._known and not self.paused
+        if not self._repeated and self._heard_at > self._waiting_since:
+            # Where much is lost, a step without a repetition is too rare to learn from.
+            self._round_trip.take(self._heard_at - self._waiting_since)
+            self._heard_at = 0.0
         if since >= self._longest:
             self._publish()
         elif often and since >= self._round_trip.patience:
             self._plant.repeat(self.stamp, self._missing)
         else:
             return
-        self._repeated_at = now
+        self._sent_before, self._repeated_at = sent_at, now
         self._repeated += 1
         self.repetitions += 1
 
