@@ -27,10 +27,14 @@ demo: $(VENV)/.ros  ## form the complete and then the rotating formation
 	@echo '  tetra launcher --config rotating --view     # and open the address that it prints'
 	@echo '  tetra launcher --config rotating --duration 20 --record bag && tetra plot bag --out figures'
 
+# Two files of tests at a time, each session in a ROS domain of its own. PYTEST_ARGS='-n 0 -s ...'
+# runs them one by one, and shows what they print.
+PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
+
 test: $(VENV)/.test browser  ## run all tests
 	$(CLEAN) $(VENV)/bin/ruff check .
 	$(CLEAN) $(VENV)/bin/mypy
-	$(CLEAN) $(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+	$(CLEAN) $(VENV)/bin/python -m pytest $(PARALLEL) $(PYTEST_ARGS)
 
 quick: $(VENV)/.test  ## run the tests of the mathematics and of the files, which start no nodes
 	$(CLEAN) $(VENV)/bin/ruff check .

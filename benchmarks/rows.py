@@ -30,7 +30,7 @@ import time
 TOP = Path(__file__).resolve().parents[1]
 WORKER = TOP / 'benchmarks' / 'worker.py'
 
-TIMEOUT = 60.0
+TIMEOUT = 180.0
 """How much longer than its measurement a process may take, and how long to be ready [s]."""
 
 FAILURES = OSError, RuntimeError, subprocess.SubprocessError, TimeoutError, ValueError

@@ -82,7 +82,9 @@ class Controller:
         x, y, z = seen
         if not SHORTEST <= x * x + y * y + z * z <= LONGEST:
             refuse_direction(x, y, z)
-        if stamp < self._stamps[slot] or stamp > self.stamp + self.ahead:
+        # Nearly always it is that of the newest one in use, which was looked at.
+        if stamp != self.stamp and (
+                stamp < self._stamps[slot] or stamp > self.stamp + self.ahead):
             self._doubt(slot, stamp, seen, now)
         elif self._suspects:
             self._suspects.pop(slot, None)

@@ -108,7 +108,7 @@ class Agent(FormationNode):
     def _receiver(self, slot, source):
         """Return what hands the measurements of a neighbour to the law, and sends its answers."""
         # The busiest callback of an agent: it has at hand what it needs.
-        decode, receive, now = self._measurement.decode, self._controller.receive, self._now
+        decode, receive, now = self._measurement.decoder(), self._controller.receive, self._now
 
         def on_measurement(message):
             try:

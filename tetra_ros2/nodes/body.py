@@ -55,7 +55,7 @@ class Body(FormationNode):
         self._lost = ''  # why the body cannot be reached, if it cannot
         self._lost_at = 0.0
         self.losses = self.applied = self.poses = 0
-        self._decode = cdr.twist_stamped(names.body_frame(i)).decode
+        self._decode = cdr.twist_stamped(names.body_frame(i)).decoder()
         self._encode = cdr.StampedNumbers(names.WORLD, 7).encode
         self._send = raw_publish(self.offer(PoseStamped, names.pose(i), qos.NEWEST, True))
         self.listen(TwistStamped, names.cmd_vel(i), self._on_command, qos.COMMANDS)

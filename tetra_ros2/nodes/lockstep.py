@@ -190,12 +190,9 @@ class Lockstep(Stepper):
             self._rates[i] = rate
             self._missing &= ~bit
             if not self._missing:
-                now = time.monotonic()
-                if not self._repeated:
-                    self._round_trip.take(now - self._waiting_since)
-                elif self._round_trip.was_needed(
-                        now - self._repeated_at, now - self._sent_before):
-                    self._lost_at = now
+                # To learn takes time: it is done seldom as long as nothing is lost.
+                if self._repeated or self._rapid is not None or not self.steps & 7:
+                    self._learn(time.monotonic())
                 self._advance()
             elif self._rapid is not None and not self._repeated:
                 self._heard_at = time.monotonic()
@@ -207,6 +204,13 @@ class Lockstep(Stepper):
                 self._round_trip.lengthen()
             if stamp > self._absent_since:
                 self._absent &= ~bit  # it is back, and waited for from the next step on
+
+    def _learn(self, now: float) -> None:
+        """Take note of how long the answers to this step took, as of now [s]."""
+        if not self._repeated:
+            self._round_trip.take(now - self._waiting_since)
+        elif self._round_trip.was_needed(now - self._repeated_at, now - self._sent_before):
+            self._lost_at = now
 
     def _begin_step(self):
         self.stamp += self._period

@@ -14,6 +14,11 @@ from tetra_ros2.ros.node import FormationNode, raw_publish
 from tetra_ros2.wire import cdr, names
 
 NOBODY: frozenset[int] = frozenset()
+EVERYBODY = -1
+"""All agents, as the bits of an integer."""
+
+_Sensor = tuple[int, list[int], list[Callable[[bytes], None]], Any]
+"""Index of an agent, those of whom it sees, how to tell it of each of them, and the codec."""
 
 
 class Measurements:
@@ -30,7 +35,7 @@ class Measurements:
             PoseArray, names.ATTITUDES, qos.STATE, exclusive=True))
         self._state = cdr.pose_array(names.WORLD, n)
         # For each agent that sees anybody: its index, whom it sees, how to tell it, the codec.
-        self._sensors: list[tuple[int, list[int], list[Callable[[bytes], None]], Any]] = []
+        self._sensors: list[_Sensor] = []
         for i in range(1, n + 1):
             neighbors = [j for j, _ in topology.neighbors(i)]
             senders = [raw_publish(
@@ -68,21 +73,27 @@ class Measurements:
         self._send_state(prefix + pack(*state))
 
     def tell(self, head: bytes, seen_by: Callable[[int, Sequence[int]], Any],
-             lost: Collection[int] = NOBODY, agents: int = -1) -> None:
+             lost: Collection[int] = NOBODY, agents: int = EVERYBODY) -> None:
         """
         Publish what everybody sees.
 
         :param head: of the messages, with their stamp
         :param agents: bits of an integer: only what these see; by default all
         """
-        for i, others, senders, encoder in self._sensors:
-            if i in lost or not agents >> i & 1:
-                continue
+        sensors = self._sensors if agents == EVERYBODY and not lost else \
+            self._sensors_of(agents, lost)
+        for i, others, senders, encoder in sensors:
             prefix, pack = encoder(head)
-            if lost:
-                for j, send, (x, y, z) in zip(others, senders, seen_by(i, others)):
-                    if j not in lost:
-                        send(prefix + pack(x, y, z))
-                continue
             for send, (x, y, z) in zip(senders, seen_by(i, others)):
                 send(prefix + pack(x, y, z))
+
+    def _sensors_of(self, agents: int, lost: Collection[int]) -> list[_Sensor]:
+        """Return the sensors of some agents, which tell nothing of bodies that are lost."""
+        return [(i, others, [_keep if j in lost else send for j, send in zip(others, senders)],
+                 encoder)
+                for i, others, senders, encoder in self._sensors
+                if agents >> i & 1 and i not in lost]
+
+
+def _keep(_message: bytes) -> None:
+    """Tell nobody."""

@@ -45,7 +45,7 @@ class Monitor(FormationNode):
         self._old = 0  # how many old stamps in a row
         self._awaited = self._formed_at = None
         self._watchers = []
-        self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decode
+        self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decoder()
         self._send_cosines = raw_publish(
             self.offer(Float64MultiArray, names.COSINES, qos.STATE))
         self._encode_cosines = cdr.trailing_numbers(

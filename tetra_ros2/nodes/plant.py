@@ -160,7 +160,7 @@ class Plant(FormationNode):
 
     def _receiver(self, i):
         """Return what hands the commands of agent i to the stepper."""
-        decode, command = cdr.twist_stamped(names.body_frame(i)).decode, self.stepper.command
+        decode, command = cdr.twist_stamped(names.body_frame(i)).decoder(), self.stepper.command
 
         def on_command(message):
             try:

@@ -61,7 +61,7 @@ class Sensors(FormationNode):
         self._timer.cancel()
 
     def _receiver(self, i: int) -> Any:
-        decode = cdr.twist_stamped(names.body_frame(i)).decode
+        decode = cdr.twist_stamped(names.body_frame(i)).decoder()
 
         def on_command(message: bytes) -> None:
             try:

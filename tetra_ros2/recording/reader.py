@@ -350,7 +350,7 @@ def _decode(messages, codec, count):
     :returns: indices of the good ones, their stamps [ns] and their numbers, ``(m, count)``
     """
     good, stamps, numbers = array('q'), array('q'), array('d')
-    decode = codec.decode
+    decode = codec.decoder()
     for index, message in enumerate(messages):
         try:
             stamp, values = decode(message)

@@ -178,7 +178,7 @@ class Viewer(FormationNode):
         if self._codec is None or self._codec[0] != n:
             if not 1 < n <= 1000:
                 raise Rejected(Rejected.MALFORMED)
-            self._codec = n, cdr.pose_array(names.WORLD, n).decode
+            self._codec = n, cdr.pose_array(names.WORLD, n).decoder()
         stamp, numbers = self._codec[1](message)
         gamma = np.array(numbers).reshape(n, 7)[:, :3]
         for direction in gamma.tolist():

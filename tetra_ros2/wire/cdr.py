@@ -72,11 +72,9 @@ class StampedNumbers:
         self._pack = struct.Struct(f'<4siI{len(self._between)}s{count}d').pack
         self._pack_numbers = struct.Struct(f'<{count}d').pack
         counted = '' if length is None else f'{len(between) - len(self._name) - 4}xI'
-        layout = struct.Struct(
-            f'<IiI{len(self._name)}s{counted}{len(self._between) - len(between)}x{count}d')
-        self._size = layout.size
-        self._unpack = layout.unpack
-        self._first = 4 if length is None else 5  # index of the first number that unpack gives
+        # Seconds are read unsigned: those before 0 are then as large as those that are too large.
+        self._whole = struct.Struct(
+            f'<III{len(self._name)}s{counted}{len(self._between) - len(between)}x{count}d')
 
     def encode(self, stamp, *numbers):
         """
@@ -103,15 +101,26 @@ class StampedNumbers:
         :param message: bytes from anywhere
         :raises Rejected: if they are not such a message, or it is of another frame
         """
-        # The padding is not looked at: its bytes are whatever the sender's memory held.
-        if len(message) == self._size:
-            fields = self._unpack(message)
-            if fields[3] == self._name and fields[0] == _ENCAPSULATION and (
-                    self._length is None or fields[4] == self._length):
+        return self.decoder()(message)
+
+    def decoder(self):
+        """Return :meth:`decode` as a function that has all at hand, for who calls it often."""
+        size, unpack, name, length = self._whole.size, self._whole.unpack, self._name, self._length
+        first = 4 if length is None else 5  # index of the first number that unpack gives
+        decode_any = self._decode_any
+
+        def decode(message):
+            # The padding is not looked at: its bytes are whatever the sender's memory held.
+            if len(message) == size:
+                fields = unpack(message)
                 seconds, nanoseconds = fields[1], fields[2]
-                if 0 <= seconds < _LAST_SECOND and nanoseconds < _NANOSECONDS:
-                    return seconds * _NANOSECONDS + nanoseconds, fields[self._first:]
-        return self._decode_any(message)
+                if (fields[3] == name and seconds < _LAST_SECOND and nanoseconds < _NANOSECONDS
+                        and fields[0] == _ENCAPSULATION
+                        and (length is None or fields[4] == length)):
+                    return seconds * _NANOSECONDS + nanoseconds, fields[first:]
+            return decode_any(message)
+
+        return decode
 
     def _layout(self, order, frame_size):
         """Return the layout of what follows the encapsulation: stamp, frame, [length], numbers."""
