@@ -9,8 +9,8 @@ TETRA := $(CLEAN) $(VENV)/bin/tetra
 # Editable, so that a change needs no new installation; with pip's progress, as it takes a while.
 INSTALL = $(CLEAN) $(VENV)/bin/python -m pip install --disable-pip-version-check -e
 
-.PHONY: help demo test quick browser verify bench chaos power-cuts soak docs lint mutants clean \
-  pictures
+.PHONY: help demo test quick browser verify bench chaos power-cuts soak docs lint coverage mutants \
+  clean pictures
 
 help:  ## say what can be made
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST)
@@ -73,14 +73,19 @@ lint: $(VENV)/.test  ## check style and types
 	$(CLEAN) $(VENV)/bin/ruff check .
 	$(CLEAN) $(VENV)/bin/mypy
 
-# Which mutants, and for how long: it goes on where it was stopped. `make mutants MUTANTS='...sphere*'`
-MUTANTS ?= tetra_ros2.formation.*
-MUTANTS_TIME ?= 3600
+coverage: $(VENV)/.test  ## measure which branches of the mathematics and the nodes the tests run
+	$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check coverage
+	$(CLEAN) $(VENV)/bin/coverage erase
+	$(CLEAN) $(VENV)/bin/coverage run -m pytest $(PYTEST_ARGS)
+	$(CLEAN) $(VENV)/bin/coverage combine --quiet
+	$(CLEAN) $(VENV)/bin/coverage report --show-missing \
+	  --include='tetra_ros2/formation/*,tetra_ros2/wire/*,tetra_ros2/nodes/*'
 
+# It goes on where it was stopped. MUTANTS_ARGS='--sample 500 --seed 1 --time 3600 formation/law.py'
 mutants: $(VENV)/.test  ## change the mathematics a little, many times, and see the tests fail
-	@$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'mutmut>=3.8'
-	-@$(CLEAN) timeout --signal INT $(MUTANTS_TIME) $(VENV)/bin/mutmut run '$(MUTANTS)'
-	@$(CLEAN) $(VENV)/bin/mutmut results
+	@$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check \
+	  'cosmic-ray>=8.7' pytest-cov
+	@$(CLEAN) $(VENV)/bin/python -m benchmarks.mutants $(MUTANTS_ARGS)
 
 clean:  ## remove what was made here
 	rm -rf $(VENV) build install log mutants .pytest_cache .ruff_cache .hypothesis *.egg-info

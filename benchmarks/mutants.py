@@ -1,0 +1,398 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Change the mathematics and the nodes a little, many times, and see the tests fail.
+
+The changes are those of cosmic-ray, and so is the session that keeps what came of them. Mutants
+are tried in a random order that the seed decides, so that wherever it is stopped, those that were
+tried are a random sample of all. Each is judged by the tests that run the changed statement, the
+quickest first, in a process forked off one that has imported everything but this package: that
+costs half a second instead of four.
+
+Every so often the same tests are run on the code as it is. Should they fail, mutants were killed
+by the machine and not by the tests.
+"""
+
+import argparse
+import ast
+from collections import Counter, defaultdict
+import compileall
+from contextlib import suppress
+import difflib
+from fnmatch import fnmatch
+import hashlib
+import multiprocessing
+import os
+from pathlib import Path
+import py_compile
+import random
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from xml.etree import ElementTree
+
+from cosmic_ray.commands.init import init
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.plugins import get_operator
+from cosmic_ray.work_db import use_db
+from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
+from coverage import CoverageData
+from hypothesis import Phase, settings
+import pytest
+from tetra_ros2.study.confidence import lower_bound
+import yaml
+
+WHERE = Path('mutants')
+"""Everything that is made goes here, below the directory of the repository."""
+
+CODE = ('tetra_ros2/formation', 'tetra_ros2/nodes')
+"""What is changed."""
+
+JUDGES = (
+    'test/formation', 'test/nodes', 'test/drawing', 'test/drivers/test_drivers.py',
+    'test/system/test_wire.py', 'test/system/test_intruder.py')
+"""The tests that may kill a mutant: those that run the code in the process of the test itself."""
+
+LEFT_OUT = re.compile(
+    # Bits are not reckoned with here: `a * b` as `a >> b` is a TypeError for floats, which any
+    # test kills; and `int | None` is an annotation.
+    r'core/ReplaceBinaryOperator_(.*_)?(RShift|LShift|BitOr|BitAnd|BitXor)(_|$)'
+    # `==` is `is` for whole numbers up to 256 and for names.
+    r'|core/ReplaceComparisonOperator_(Eq_Is|NotEq_IsNot|Is_Eq|IsNot_NotEq)$')
+"""Kinds of changes that say nothing about the tests."""
+
+BUDGET = 20.0
+"""How long the tests that judge a mutant may have taken without it, together [s]."""
+
+PLUGINS = ('_hypothesis_pytestplugin', 'pytest_timeout')
+"""The plugins of pytest that the tests want."""
+
+EQUIVALENT = Path(__file__).with_name('equivalent_mutants.yaml')
+"""Mutants that do what the code does, each with the reason."""
+
+CONTROL = 20
+"""After so many mutants the tests of the last are run on the code as it is."""
+
+
+def main(argv=None):
+    """Try mutants, or report on those tried; return the exit status."""
+    parser = argparse.ArgumentParser(prog='python -m benchmarks.mutants', description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('modules', nargs='*', default=['*'],
+                        help='which, as patterns of paths: formation/law.py nodes/* (all)')
+    parser.add_argument('--sample', type=int, metavar='N', help='stop after N mutants in all')
+    parser.add_argument('--time', type=float, metavar='S', help='stop after this time [s]')
+    parser.add_argument('--seed', type=int, default=1, help='of the order (%(default)s)')
+    parser.add_argument('--again', action='store_true',
+                        help='try those again that survived, by the tests as they are now')
+    parser.add_argument('--report', action='store_true', help='only say what came of it')
+    arguments = parser.parse_args(argv)
+    WHERE.mkdir(exist_ok=True)
+    with use_db(WHERE / 'session.sqlite') as session:
+        if not arguments.report:
+            tree = copy_of_the_repository()
+            modules = sorted(p for code in CODE for p in Path(code).glob('*.py'))
+            digest = hashlib.sha256(b''.join(p.read_bytes() for p in modules)).hexdigest()
+            if session.num_work_items == 0:
+                print('listing mutants ...', flush=True)
+                init(modules, session, {})
+                (WHERE / 'code').write_text(digest)
+            elif (WHERE / 'code').read_text() != digest:
+                print(f'the code has changed: remove {WHERE}/ to begin anew', file=sys.stderr)
+                return 2
+            if not (WHERE / 'judges.xml').exists():
+                print('measuring which tests run what ...', flush=True)
+                measure(tree)
+            try_mutants(session, tree, arguments)
+        report(session, arguments.modules)
+    return 0
+
+
+def copy_of_the_repository():
+    """Copy what git knows, or would know, to where it may be changed."""
+    tree = (WHERE / 'tree').absolute()
+    files = subprocess.run(['git', 'ls-files', '-co', '--exclude-standard'], check=True,
+                           capture_output=True, text=True).stdout.split('\n')
+    for file in filter(os.path.isfile, files):
+        target = tree / file
+        if not target.exists() or target.read_bytes() != Path(file).read_bytes():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, target)
+    # A compiled file is used only if it was made of this very source: times and sizes, which
+    # Python looks at otherwise, may be the same for two mutants.
+    compileall.compile_dir(tree / 'tetra_ros2', quiet=1, force=True,
+                           invalidation_mode=py_compile.PycInvalidationMode.CHECKED_HASH)
+    return tree
+
+
+def measure(tree):
+    """Run the tests once, to see which statements each of them runs, and how long it takes."""
+    environment = os.environ | {'PYTHONPATH': str(tree), 'OPENBLAS_NUM_THREADS': '1'}
+    outcome = subprocess.run(
+        [sys.executable, '-m', 'pytest', '-q', '--no-header', '-p', 'no:cacheprovider',
+         '--cov', '--cov-context=test', '--cov-report=', '--junitxml=judges.xml', *JUDGES],
+        cwd=tree, env=environment, check=False, stdout=(WHERE / 'judges.log').open('w'),
+        stderr=subprocess.STDOUT).returncode
+    if outcome != 0:
+        print(f'Some tests fail as it is, and are not asked: see {WHERE / "judges.log"}')
+    for name in ('.coverage', 'judges.xml'):
+        shutil.copyfile(tree / name, WHERE / name)
+    copy_of_the_repository()  # for the compiled files
+
+
+class Judges:
+    """Which tests are to judge a mutant."""
+
+    def __init__(self):
+        self._seconds = {}
+        for case in ElementTree.parse(WHERE / 'judges.xml').iter('testcase'):
+            test = f'{case.get("classname").replace(".", "/")}.py::{case.get("name")}'
+            if case.find('failure') is None and case.find('error') is None:
+                self._seconds[test] = float(case.get('time'))
+        self._data = CoverageData(WHERE / '.coverage')
+        self._data.read()
+        self._lines = {}
+
+    def of(self, path, line, everything=False):
+        """
+        Return tests that run a statement, the quickest first.
+
+        :param everything: all of them, and the whole file of tests for this module
+        """
+        own = Path('test', *path.parts[1:-1], f'test_{path.name}')
+        first, last = statement(path, line)
+        tests = self._of_lines(path, first, last)
+        if not tests and self._is_run_at_import(path, first, last):
+            tests = self._of_lines(path, 1, 10**6)
+        tests = sorted(tests, key=self._seconds.__getitem__)
+        if everything:
+            whole = [str(own)] if own.exists() else []
+            return whole + [test for test in tests if not test.startswith(f'{own}::')]
+        chosen, total = [], 0.0
+        for test in tests:
+            total += self._seconds[test]
+            if chosen and total > BUDGET:
+                break
+            chosen.append(test)
+        return chosen
+
+    def _contexts(self, path):
+        """Return in which contexts each line of a module was run."""
+        if path not in self._lines:
+            measured = [f for f in self._data.measured_files() if f.endswith(str(path))]
+            self._lines[path] = self._data.contexts_by_lineno(measured[0]) if measured else {}
+        return self._lines[path]
+
+    def _of_lines(self, path, first, last):
+        return {test for line, contexts in self._contexts(path).items() if first <= line <= last
+                for context in contexts if (test := context.partition('|')[0]) in self._seconds}
+
+    def _is_run_at_import(self, path, first, last):
+        return any('' in contexts for line, contexts in self._contexts(path).items()
+                   if first <= line <= last)
+
+    def seconds(self, tests):
+        """Return how long they took [s]; a whole file counts as nothing."""
+        return sum(self._seconds.get(test, 0.0) for test in tests)
+
+
+def statement(path, line):
+    """Return the first and the last line of the statement of which a line is part."""
+    first, last = 1, 0
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.stmt):
+            continue
+        decorators = getattr(node, 'decorator_list', [])
+        begin = min([node.lineno, *(d.lineno for d in decorators)])
+        if begin <= line <= node.end_lineno and begin >= first:
+            body = getattr(node, 'body', None)
+            whole = not body or isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
+            # Of `if x:` only the first line is run wherever x is; of a function its body tells.
+            first, last = begin, node.end_lineno if whole else body[0].lineno - 1
+    return first, last
+
+
+def try_mutants(session, tree, arguments):
+    """Try mutants until the time is up or there are enough."""
+    judges = Judges()
+    done = dict(session.results)
+    items = sorted(session.work_items, key=lambda item: (
+        str(item.mutations[0].module_path), item.mutations[0].operator_name,
+        item.mutations[0].occurrence))
+    items = [item for item in items if not LEFT_OUT.match(item.mutations[0].operator_name)]
+    random.Random(arguments.seed).shuffle(items)
+    if arguments.sample is not None:
+        items = items[:arguments.sample]
+    items = [item for item in items if chosen(item, arguments.modules) and (
+        is_survivor(done.get(item.job_id)) if arguments.again else item.job_id not in done)]
+    import_what_tests_want()
+    end = time.monotonic() + (arguments.time or float('inf'))
+    for count, item in enumerate(items, 1):
+        if time.monotonic() > end:
+            break
+        mutation = item.mutations[0]
+        tests = judges.of(mutation.module_path, mutation.start_pos[0], arguments.again)
+        result = judge(tree, mutation, tests, judges.seconds(tests))
+        session.set_result(item.job_id, result)
+        print(f'{count}/{len(items)} {result.test_outcome.value} {mutation.module_path}:'
+              f'{mutation.start_pos[0]} {(result.output or "").strip()[-150:]!r}', flush=True)
+        if count % CONTROL == 0:
+            killer = run(tree, tests, judges.seconds(tests))
+            with (WHERE / 'controls.log').open('a') as file:
+                print(f'{mutation.module_path}:{mutation.start_pos[0]} {killer!r}', file=file)
+
+
+def chosen(item, patterns):
+    """Return whether a mutant is of one of these modules."""
+    return any(fnmatch(str(item.mutations[0].module_path), f'*{pattern}') for pattern in patterns)
+
+
+def is_survivor(result):
+    """Return whether a mutant was tried and lived."""
+    return result is not None and result.test_outcome == TestOutcome.SURVIVED
+
+
+def judge(tree, mutation, tests, seconds):
+    """Run the tests on a mutant."""
+    path = tree / mutation.module_path
+    code = path.read_text()
+    mutant = mutate_code(
+        code, get_operator(mutation.operator_name)(**mutation.operator_args), mutation.occurrence)
+    diff = '\n'.join(line for line in difflib.unified_diff(
+        code.split('\n'), mutant.split('\n'), n=0, lineterm='') if line[:3] not in ('---', '+++'))
+    try:
+        path.write_text(mutant)
+        killer = run(tree, tests, seconds) if tests else None
+    finally:
+        path.write_text(code)
+    return WorkResult(
+        worker_outcome=WorkerOutcome.NORMAL if tests else WorkerOutcome.NO_TEST, diff=diff,
+        test_outcome=TestOutcome.KILLED if killer else TestOutcome.SURVIVED, output=killer)
+
+
+def run(tree, tests, seconds):
+    """Run tests in a process of their own; return which one failed, or None."""
+    log = WHERE / 'killer'
+    log.unlink(missing_ok=True)
+    process = multiprocessing.get_context('fork').Process(
+        target=_child, args=(tree, tests, log.absolute(), seconds))
+    process.start()
+    # Time on a processor tells a loop without end; the clock tells a wait for nothing.
+    process.join(120.0 + 30.0 * seconds)
+    timed_out = process.exitcode is None or process.exitcode == -signal.SIGKILL
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)  # and whatever it started
+    process.join()
+    if timed_out:
+        return 'timeout'
+    if process.exitcode == 0:
+        return None
+    return log.read_text() if log.exists() else f'exit status {process.exitcode}'
+
+
+def _child(tree, tests, log, seconds):
+    os.setsid()
+    limit = int(10.0 + 3.0 * seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+    output = os.open(log.with_name('output'), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    os.chdir(tree)
+    os.environ['PYTHONPATH'] = str(tree)
+    for name in [name for name in sys.modules if name.partition('.')[0] == 'tetra_ros2']:
+        del sys.modules[name]
+    sys.path = [str(tree), *(p for p in sys.path if p not in ('', str(tree.parent.parent)))]
+    sys.dont_write_bytecode = True
+
+    class Killer:
+        @staticmethod
+        def pytest_runtest_logreport(report):
+            if report.failed:
+                log.write_text(report.nodeid)
+
+        @staticmethod
+        def pytest_collectreport(report):
+            if report.failed:
+                log.write_text(f'{report.nodeid}: not even imported')
+
+    os.environ['PYTEST_DISABLE_PLUGIN_AUTOLOAD'] = '1'  # to look for them takes long
+    status = pytest.main(['-x', '-q', '--tb=line', '--no-header', '-p', 'no:cacheprovider',
+                          *(f'-p{name}' for name in PLUGINS), '--timeout=0',
+                          '--hypothesis-profile=mutants', *tests], plugins=[Killer])
+    os._exit(int(status))
+
+
+def import_what_tests_want():
+    """Import what takes long, so that a forked process has it."""
+    os.environ['OPENBLAS_NUM_THREADS'] = '1'
+    for name in ('hypothesis.extra.numpy', 'numpy', 'scipy.optimize', 'scipy.linalg',
+                 'scipy.integrate', 'scipy.spatial.transform', 'numba', 'yaml', 'rich.table',
+                 'rclpy', 'rclpy.executors', 'geometry_msgs.msg', 'diagnostic_msgs.msg',
+                 'std_srvs.srv', 'visualization_msgs.msg', 'tf2_msgs.msg', *PLUGINS):
+        with suppress(ImportError):
+            __import__(name)
+    # The examples are those of the suite; a failure need not be made small.
+    settings.register_profile('mutants', derandomize=True, deadline=None, max_examples=30,
+                              phases=[Phase.explicit, Phase.generate])
+
+
+def report(session, patterns):
+    """Say how many mutants the tests kill, and which they do not."""
+    equivalent = {(e['module'], _plain(e['code']), _plain(e['mutant'])): e['why']
+                  for e in yaml.safe_load(EQUIVALENT.read_text()) or []}
+    rows, survivors = defaultdict(Counter), []
+    population = Counter()
+    for item in session.work_items:
+        if not LEFT_OUT.match(item.mutations[0].operator_name) and chosen(item, patterns):
+            population[str(item.mutations[0].module_path)] += 1
+    for item, result in session.completed_work_items:
+        mutation = item.mutations[0]
+        module = str(mutation.module_path)
+        if not chosen(item, patterns):
+            continue
+        if not is_survivor(result):
+            what = 'timeout' if result.output == 'timeout' else 'killed'
+        elif (module, *changed(result.diff)) in equivalent:
+            what = 'equivalent'
+        else:
+            what = 'survived'
+            survivors.append((module, mutation.start_pos[0], result))
+        rows[module][what] += 1
+    total = sum(rows.values(), Counter())
+    print(f'{"module":40} {"mutants":>8} {"tried":>6} {"killed":>7} {"timeout":>8} '
+          f'{"equivalent":>11} {"survived":>9}')
+    for module in [*sorted(population), 'all']:
+        row = total if module == 'all' else rows[module]
+        print(f'{module:40} {population[module] or sum(population.values()):8} '
+              f'{sum(row.values()):6} {row["killed"]:7} {row["timeout"]:8} '
+              f'{row["equivalent"]:11} {row["survived"]:9}')
+    for module, line, result in sorted(survivors, key=lambda s: s[:2]):
+        reached = '' if result.worker_outcome == WorkerOutcome.NORMAL else ' (no test runs it)'
+        print(f'\n{module}:{line} survives{reached}\n{result.diff}')
+    killed = total['killed'] + total['timeout']
+    counted = killed + total['survived']
+    if counted:
+        low = lower_bound(killed, counted, 0.975)
+        high = 1.0 - lower_bound(counted - killed, counted, 0.975)
+        print(f'\n{killed} of {counted} that are not equivalent were killed: '
+              f'{killed / counted:.1%}, of all with 95 % confidence {low:.1%} to {high:.1%}')
+
+
+def changed(diff):
+    """Return the lines that a diff takes away, and those that it puts in their place."""
+    lines = diff.split('\n')
+    return (_plain(' '.join(line[1:] for line in lines if line.startswith('-'))),
+            _plain(' '.join(line[1:] for line in lines if line.startswith('+'))))
+
+
+def _plain(code):
+    return ''.join(code.split())
+
+
+if __name__ == '__main__':
+    sys.exit(main())
