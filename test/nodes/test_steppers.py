@@ -12,8 +12,11 @@ from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.nodes import lockstep, realtime
 from tetra_ros2.nodes.lockstep import Lockstep, RoundTrip
 from tetra_ros2.nodes.realtime import RealTime
+from tetra_ros2.nodes.stepper import agents_of
+from tetra_ros2.ros import diagnostics
 
 PERIOD = 10_000_000
+HEALTH = SimpleNamespace(rates=lambda counts: counts)
 STILL, TURN = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 VALUES = {'rate': 100.0, 'command_timeout': 0.0, 'duration': 0.0, 'republish_period': 0.1,
           'real_time_factor': 0.0}
@@ -47,7 +50,10 @@ class Plant:
         self.bodies = SimpleNamespace(axes=[(1.0, 0.0, 0.0)] * n, step=self._step)
         self.stepped = []  # for each step how long it was [s], and how fast all bodies turned
         self.published = []
+        self.repeated = []  # to whom, as bits
         self.timers = []
+        self.periods = {}  # of the timers [s]
+        self.held = 0
         self._clocks = clocks
 
     def _step(self, h, rates):
@@ -58,15 +64,17 @@ class Plant:
 
     def repeat(self, stamp, agents):
         self.published.append(stamp)
+        self.repeated.append(agents)
 
     def read_commands(self):
         pass
 
     def held_agents(self):
-        return 0
+        return self.held
 
     def create_steady_timer(self, period, callback):
         self.timers.append(callback)
+        self.periods[callback.__name__] = period
         return callback
 
     create_timer = create_steady_timer
@@ -89,9 +97,9 @@ class Plant:
             timer()
 
 
-def begin(kind, clocks, **values):
+def begin(kind, clocks, agents=(0, 1), **values):
     plant = Plant(clocks)
-    stepper = kind(plant, [0, 1])
+    stepper = kind(plant, agents)
     stepper.configure(VALUES | values)
     stepper.start()
     return plant, stepper
@@ -280,3 +288,253 @@ def test_in_lockstep_it_is_looked_more_often_only_where_something_was_lost(clock
     plant.tick()
     plant.tick()
     assert len(plant.timers) == watchdog
+
+
+def test_in_lockstep_who_has_not_answered_is_sent_the_measurements_again_and_nobody_else(clocks):
+    plant, stepper = begin(Lockstep, clocks)
+    for _ in range(50):
+        clocks.advance(1_000_000)
+        answer(stepper)
+    patience = stepper._round_trip.patience
+    assert patience == 2e-3
+    stepper.command(0, stepper.stamp, TURN)
+    clocks.advance(round(0.9e9 * patience))
+    plant.tick()
+    assert plant.repeated == [], 'it has not waited long enough'
+    clocks.advance(round(0.2e9 * patience))
+    plant.tick()
+    assert plant.repeated == [0b10]
+    plant.tick()
+    assert plant.repeated == [0b10], 'not at once again'
+    assert stepper.repetitions == 1
+    clocks.advance(1_000_000)
+    answer(stepper)
+    assert stepper._round_trip.patience == patience, 'nobody knows which one was answered'
+    stepper._on_watchdog()
+    assert stepper._look in plant.timers, 'it looks more often for a while'
+    assert plant.periods['_look'] == pytest.approx(0.5e-3)
+    clocks.advance(1_100_000_000)
+    answer(stepper)
+    stepper._on_watchdog()
+    assert stepper._look not in plant.timers
+
+
+def test_in_lockstep_after_many_repetitions_the_state_goes_out_too_once_in_a_while(clocks):
+    plant, stepper = begin(Lockstep, clocks, republish_period=2.0)
+    answer(stepper)
+    state = len(plant.published) - len(plant.repeated)
+    while len(plant.repeated) < 100:
+        clocks.advance(50_000_000)
+        plant.tick()
+    assert len(plant.published) - len(plant.repeated) == state
+    clocks.advance(1_500_000_000)
+    plant.tick()
+    assert len(plant.repeated) == 100
+    assert len(plant.published) - len(plant.repeated) == state
+    clocks.advance(600_000_000)
+    plant.tick()
+    assert len(plant.published) - len(plant.repeated) == state + 1
+
+
+def test_in_lockstep_a_paused_plant_waits_for_nobody_and_gives_up_nobody(clocks):
+    plant, stepper = begin(Lockstep, clocks)
+    answer(stepper)
+    stepper.pause(True)
+    answer(stepper)
+    steps = stepper.steps
+    clocks.advance(100 * 10**9)
+    plant.tick()
+    assert stepper.steps == steps
+    assert stepper.assess(HEALTH)[:2] == (diagnostics.OK, 'paused')
+    stepper.pause(False)
+    assert stepper.steps == steps + 1, 'all had answered'
+
+
+def test_in_lockstep_bodies_that_are_held_for_a_conflict_hold_the_time(clocks):
+    plant, stepper = begin(Lockstep, clocks)
+    plant.held = 0b1
+    answer(stepper)
+    assert not plant.stepped
+    plant.held = 0
+    clocks.advance(10**9)
+    plant.tick()
+    assert len(plant.stepped) == 1
+
+
+@pytest.mark.parametrize('factor', [0.5, 2.0])
+def test_in_lockstep_a_pace_lets_no_step_come_early(clocks, factor):
+    plant, stepper = begin(Lockstep, clocks, real_time_factor=factor)
+    assert plant.periods['_on_due'] == pytest.approx(PERIOD / 1e9 / factor)
+    answer(stepper)
+    assert len(plant.stepped) == 1
+    answer(stepper)
+    assert len(plant.stepped) == 1, 'all have answered, and it is not time'
+    stepper._on_due()
+    assert len(plant.stepped) == 2
+    stepper._on_due()
+    assert len(plant.stepped) == 2, 'it is time, and nobody has answered'
+    answer(stepper)
+    assert len(plant.stepped) == 3
+    answer(stepper)
+    stepper.configure(VALUES)  # without a pace
+    assert stepper._on_due not in plant.timers
+    stepper._advance()
+    assert len(plant.stepped) == 4
+
+
+def test_in_lockstep_with_nobody_to_wait_for_time_goes_a_hundred_times_as_fast(clocks):
+    plant, stepper = begin(Lockstep, clocks, agents=())
+    assert plant.periods['_on_due'] == pytest.approx(PERIOD / 1e9 / 100.0)
+    for _ in range(5):
+        stepper._on_due()
+    assert [rates for _, rates in plant.stepped] == [[STILL, STILL]] * 5
+
+
+def test_in_lockstep_it_is_said_for_whom_it_waits_and_who_is_held_still(clocks):
+    plant, stepper = begin(Lockstep, clocks)
+    answer(stepper)
+    level, message, values = stepper.assess(HEALTH)
+    assert (level, message) == (diagnostics.OK, 'running')
+    assert values['state'] == 'running'
+    assert values['steps'] == values['step rate [Hz]'] == 1
+    assert values['formation time [s]'] == pytest.approx(2 * PERIOD / 1e9)
+    clocks.advance(1_100_000_000)
+    stepper.command(0, stepper.stamp, TURN)
+    level, message, values = stepper.assess(HEALTH)
+    assert (level, message) == (diagnostics.WARN, 'waiting for agent_2')
+    assert values['state'] == 'waiting'
+    clocks.advance(30 * 10**9)
+    plant.tick()
+    assert stepper.assess(HEALTH)[:2] == (
+        diagnostics.ERROR, 'held still, not answering: agent_2')
+    stepper.command(0, stepper.stamp, TURN)
+    stepper.command(1, stepper.stamp - PERIOD, TURN)
+    level, message, values = stepper.assess(HEALTH)
+    assert (level, message) == (diagnostics.OK, 'running')
+    assert values['late commands'] == 1
+
+
+def test_in_lockstep_it_runs_until_the_first_step_at_or_after_a_time(clocks):
+    plant, stepper = begin(Lockstep, clocks)
+    stepper.run_until(3 * PERIOD - 1)
+    for _ in range(6):
+        answer(stepper)
+    assert stepper.stamp == 3 * PERIOD
+    assert stepper.paused
+    stepper.run_until(5 * PERIOD)
+    for _ in range(6):
+        answer(stepper)
+    assert stepper.stamp == 5 * PERIOD
+    stepper.stop()
+    stepper.pause(True)
+    assert len(plant.stepped) == 4
+
+
+@pytest.mark.parametrize(('seconds', 'patience'), [
+    # RFC 6298: the mean and four times the deviation, which begins with half of the first.
+    ([0.02], 0.02 + 4 * 0.01),
+    ([0.02, 0.04], (0.02 + 0.125 * 0.02) + 4 * (0.01 + 0.25 * (0.02 - 0.01))),
+    ([0.0004], 2e-3)])
+def test_the_patience_is_that_of_tcp(seconds, patience):
+    trip = RoundTrip()
+    for value in seconds:
+        trip.take(value)
+    assert trip.patience == pytest.approx(patience, rel=1e-12)
+
+
+@pytest.mark.parametrize(('jump', 'jumps'), [
+    (90_000_000, 0), (-90_000_000, 0), (110_000_000, 1), (-110_000_000, 1), (-10**12, 1)])
+def test_in_real_time_a_clock_that_was_set_is_noticed_and_the_commands_forgotten(
+        clocks, jump, jumps):
+    plant, stepper = begin(RealTime, clocks, command_timeout=100.0)
+    plant.tick()
+    answer(stepper)
+    clocks.advance(PERIOD)
+    clocks.node += jump
+    plant.tick()
+    assert stepper.clock_jumps == jumps
+    assert len(plant.stepped) == 1 - jumps, 'a step of a length that nobody knows is not taken'
+    clocks.advance(PERIOD)
+    plant.tick()
+    assert plant.stepped[-1] == (PERIOD / 1e9, [STILL if jumps else TURN] * 2)
+
+
+def test_in_real_time_an_older_command_does_not_replace_a_newer_one(clocks):
+    plant, stepper = begin(RealTime, clocks)
+    plant.tick()
+    answer(stepper)
+    with pytest.raises(Rejected, match=Rejected.OLD_STAMP):
+        stepper.command(0, stepper.stamp - 1, STILL)
+    clocks.advance(PERIOD)
+    plant.tick()
+    assert plant.stepped == [(PERIOD / 1e9, [TURN, TURN])]
+
+
+def test_in_real_time_its_health_tells_who_is_silent_and_how_late_steps_are(clocks):
+    plant, stepper = begin(RealTime, clocks)
+    plant.tick()
+    assert stepper.assess(HEALTH)[2]['age of command of agent_1 [s]'] == float('inf')
+    stamp = stepper.stamp
+    for _ in range(3):
+        stepper.command(0, stepper.stamp, TURN)
+        clocks.advance(PERIOD)
+        plant.tick()
+    level, message, values = stepper.assess(HEALTH)
+    assert (level, message) == (diagnostics.ERROR, 'held still, no recent command: agent_2')
+    assert values['age of command of agent_1 [s]'] == pytest.approx(PERIOD / 1e9)
+    assert values['commands not answering the previous step'] == 3
+    assert values['steps'] == values['step rate [Hz]'] == 3
+    assert values['deadline misses'] == 0
+    stepper.command(1, stamp, TURN)  # late, and good enough
+    clocks.advance(16 * PERIOD // 10)
+    plant.tick()
+    level, message, values = stepper.assess(HEALTH)
+    assert (level, message) == (diagnostics.OK, 'running')
+    assert values['deadline misses'] == 1
+    stepper.pause(True)
+    assert stepper.assess(HEALTH)[:2] == (diagnostics.OK, 'paused')
+    assert stepper.assess(HEALTH)[2]['state'] == 'paused'
+
+
+def test_in_real_time_a_held_body_rests_and_the_others_go_on(clocks):
+    plant, stepper = begin(RealTime, clocks)
+    plant.tick()
+    answer(stepper)
+    plant.held = 0b10
+    clocks.advance(PERIOD)
+    plant.tick()
+    assert plant.stepped == [(PERIOD / 1e9, [TURN, STILL])]
+
+
+def test_in_real_time_a_new_rate_makes_a_new_timer_and_the_same_one_does_not(clocks):
+    plant, stepper = begin(RealTime, clocks)
+    plant.timers.append('another')
+    stepper.configure(VALUES)
+    assert plant.timers[0] != 'another'
+    stepper.configure(VALUES | {'rate': 50.0})
+    assert plant.timers[0] == 'another'
+    assert plant.periods['_on_timer'] == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(('rate', 'given', 'timeout'), [
+    (100.0, 0.0, 0.5), (2.0, 0.0, 1.5), (100.0, 0.05, 0.05), (100.0, 1e300, 1e9)])
+def test_in_real_time_a_command_lives_half_a_second_or_three_periods(clocks, rate, given, timeout):
+    _, stepper = begin(RealTime, clocks, rate=rate, command_timeout=given)
+    assert stepper._timeout == round(timeout * 1e9)
+
+
+def test_after_a_reset_in_real_time_the_next_step_begins_there(clocks):
+    plant, stepper = begin(RealTime, clocks)
+    plant.tick()
+    answer(stepper)
+    clocks.advance(7_000_000)
+    stepper.state_changed()
+    assert plant.published[-1] == clocks.node
+    clocks.advance(3_000_000)
+    plant.tick()
+    assert plant.stepped == [(3e-3, [STILL, STILL])], 'what was commanded was for another state'
+
+
+def test_agents_are_named_by_their_bits():
+    assert agents_of(0) == ''
+    assert agents_of(0b1011) == 'agent_1, agent_2, agent_4'
