@@ -6,7 +6,15 @@
 import math
 
 import pytest
-from tetra_ros2.paper.registry import equal, negative, same_spectrum, vanishes, worst_of
+from tetra_ros2.paper.errata import ERRATA, erratum
+from tetra_ros2.paper.registry import (
+    CLAIMS,
+    equal,
+    negative,
+    same_spectrum,
+    vanishes,
+    worst_of,
+)
 
 
 @pytest.mark.parametrize(('measured', 'predicted', 'passed'), [
@@ -29,3 +37,13 @@ def test_the_worst_result_is_one_that_did_not_pass_however_small():
     failed, passed = equal(0.0, 1e-9, 1e-12), equal(0.0, 0.5, 1.0)
     assert worst_of([passed, failed]) is failed
     assert worst_of([equal(0.0, 0.1, 1.0), passed]) is passed
+
+
+@pytest.mark.parametrize(('printed_off', 'corrected_off', 'holds'), [
+    (0.5, [0.0, 0.9e-6], True), (1.1e-3, [0.0], True), (0.5, [0.0, -1.1e-6], False),
+    (0.9e-3, [0.0], False), (0.5, [math.nan], False), (math.nan, [0.0], False)])
+def test_an_erratum_holds_if_what_is_printed_is_off_and_what_is_put_in_its_place_is_not(
+        printed_off, corrected_off, holds):
+    erratum('erratum-of-this-test', '', '', '')(lambda system: (printed_off, corrected_off))
+    del CLAIMS['erratum-of-this-test']
+    assert ERRATA.pop('erratum-of-this-test').check(None).passed is holds
