@@ -8,6 +8,8 @@ import fcntl
 from pathlib import Path
 import tempfile
 
+from tetra_ros2.ros import shared_memory
+
 
 @contextmanager
 def reserved():
@@ -20,6 +22,18 @@ def reserved():
             lock.close()
             continue
         with lock:
-            yield domain
+            try:
+                yield domain
+            finally:
+                _remove_ports(domain)
         return
     raise RuntimeError('all ROS domains are taken')
+
+
+def _remove_ports(domain):
+    """Remove what killed processes left of a domain in shared memory; nobody else is in it."""
+    first = 7400 + 250 * domain
+    for port in range(first, first + 250):
+        for name in (f'fastrtps_port{port}', f'fastrtps_port{port}_el',
+                     f'sem.fastrtps_port{port}_mutex'):
+            (shared_memory.DIRECTORY / name).unlink(missing_ok=True)

@@ -55,6 +55,9 @@ VICTIMS = {
 }
 """What is killed, by layout; ``both``: who records and the process that writes."""
 
+OUTLIVED = {'plant', 'agent', 'monitor'}
+"""Victims that a recording has but to outlive."""
+
 _STAMPED = {'geometry_msgs/msg/PoseArray', 'geometry_msgs/msg/TwistStamped',
             'geometry_msgs/msg/Vector3Stamped'}
 
@@ -297,8 +300,9 @@ def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_
                             shutil.rmtree(bag)
                 for formation in layouts.values():
                     formation.close()
-        # By layout, so that the nodes of a formation are started once and not for each kill.
-        plan.sort(key=lambda trial: trial[0])
+        # By layout, so that the nodes of a formation are started once and not for each kill; and
+        # those whose end a recording may not outlive come first.
+        plan.sort(key=lambda trial: (trial[0], trial[1] in OUTLIVED))
         with ThreadPoolExecutor(jobs) as pool:
             list(pool.map(work, range(jobs)))
     return outcomes
@@ -323,6 +327,8 @@ def main():
     parser.add_argument('--kills', type=int, default=50, metavar='N',
                         help='of each process in each format (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--layouts', nargs='+', choices=VICTIMS, default=list(VICTIMS),
+                        help='one process, or one for each node (default: both)')
     parser.add_argument('--jobs', type=int, default=2, metavar='N',
                         help='formations at a time (default: %(default)s)')
     arguments = parser.parse_args()
@@ -332,7 +338,8 @@ def main():
               f'{"torn" if outcome.torn else "whole"}, '
               f'{outcome.problem or f"{outcome.lost:.2f} s"}', file=sys.stderr, flush=True)
 
-    outcomes = run(arguments.kills, arguments.seed, arguments.jobs, progress=progress)
+    outcomes = run(arguments.kills, arguments.seed, arguments.jobs, progress=progress,
+                   victims={layout: VICTIMS[layout] for layout in arguments.layouts})
     print(f'seed {arguments.seed}\n\n{table(outcomes)}')
     problems = [(*key, o.problem) for key, found in outcomes.items() for o in found if o.problem]
     for problem in problems:
