@@ -16,6 +16,9 @@ import threading
 import bags
 from harness import run
 from hypothesis import given, HealthCheck, settings, strategies
+from mcap.exceptions import EndOfFile
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
@@ -126,6 +129,32 @@ def test_a_disk_that_does_not_answer_holds_up_nothing(tmp_path, storage, monkeyp
     assert len(contents(tmp_path / 'new')) == 5
     assert len(contents(tmp_path / 'bag')) == 5
     assert recover.is_whole(tmp_path / 'bag')
+
+
+def test_an_hour_of_mcap_needs_no_more_memory_than_a_minute(tmp_path):
+    bag = Bag(tmp_path / 'bag', 'mcap')
+    topics = [bag.add(f'/{k}', 'std_msgs/msg/Float64', 'float64 data', 'RIHS01_' + 64 * '0')
+              for k in range(20)]
+    for k in range(18_000):  # five times a second
+        bag.write([(topics[k % 20], k + 1, bytes(100))])
+        bag.flush()
+    assert len(bag._storage.chunks) < 4, 'what the index of each takes, it keeps to the end'
+    times = [at for _, at, _ in contents_of_chunks(data_file(tmp_path / 'bag'))]
+    assert times == [*range(1, 18_001)], 'everything is in the file, with no chunk but whole ones'
+    bag.close()
+    assert [at for _, at, _ in contents(tmp_path / 'bag')] == times
+
+
+def contents_of_chunks(path):
+    """Return what anybody finds in an MCAP file without an index."""
+    channels, found = {}, []
+    with path.open('rb') as stream, suppress(EndOfFile):
+        for record in StreamReader(stream).records:
+            if isinstance(record, Channel):
+                channels[record.id] = record.topic
+            elif isinstance(record, Message):
+                found.append((channels[record.channel_id], record.log_time, record.data))
+    return found
 
 
 def test_the_log_of_sqlite_goes_into_the_database_now_and_then(tmp_path):

@@ -40,6 +40,8 @@ _CHUNK_SIZE = 1 << 20
 _LOG_SIZE = 1 << 20  # of SQLite's write-ahead log, after which it goes into the database
 _MESSAGE = struct.Struct('<BQHIQQ')
 _MESSAGE_OPCODE, _MESSAGE_HEAD = 5, 22
+_CHUNK = struct.Struct('<BQQQQIIQ')  # its times, size, no check sum, no compression, size
+_CHUNK_OPCODE, _OF_RECORD = 6, 9
 
 
 class _File(FileIO):
@@ -50,6 +52,13 @@ class _File(FileIO):
         while rest:
             rest = rest[super().write(rest):]
         return len(data)
+
+    def write_at(self, offset: int, data: bytes | memoryview) -> None:
+        """Write all of this somewhere, without moving there."""
+        rest = memoryview(data)
+        while rest:
+            count = os.pwrite(self.fileno(), rest, offset)
+            rest, offset = rest[count:], offset + count
 
 
 class _Disk:
@@ -87,14 +96,20 @@ class _Disk:
 
 
 class _Mcap(McapWriter):
-    """An MCAP file that closes a chunk when it is told to."""
+    """
+    An MCAP file that has all messages in it whenever it is told to.
+
+    The chunk that is still open is in it as a whole chunk that grows; only its index is missing.
+    If it were closed instead, the index of a long recording would fill the memory.
+    """
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
         self.bio.close()
         self.bio = _File(self.path, 'r+')
         self.bio.seek(0, os.SEEK_END)
-        self._good = self.bio.tell(), self.message_end_time
+        self._begin = self.bio.tell()  # of the open chunk; where the file stands, but for errors
+        self._given = 0  # how much of it is in the file
         self._disk = _Disk(lambda: os.fdatasync(self.bio.fileno()))
 
     def write_many(self, rows: list[tuple[int, int, bytes]]) -> None:
@@ -121,22 +136,39 @@ class _Mcap(McapWriter):
             self.message_end_time = max(self.message_end_time, max(times))
         for number, count in counts.items():
             self.channel_stats[number] += count
-        self._good = self.bio.tell(), self.message_end_time
+        self._begin, self._given = self.bio.tell(), 0
 
     def flush(self) -> None:
         """Put all messages into the system's hands, and tell it to hurry."""
         if self.chunk.msgs:
-            self.close_chunk()
+            self._give()
         self._disk.hurry()
+
+    def _give(self) -> None:
+        """Put what is new of the open chunk into the file, and then the head that goes with it."""
+        size = self.chunk.bio.tell()
+        with self.chunk.bio.getbuffer() as content, content[self._given:] as news:
+            self.bio.write_at(self._begin + _CHUNK.size + self._given, news)
+        messages = self.chunk.msgs.values()
+        self.bio.write_at(self._begin, _CHUNK.pack(
+            _CHUNK_OPCODE, _CHUNK.size - _OF_RECORD + size, min(m[0][0] for m in messages),
+            max(m[-1][0] for m in messages), size, 0, 0, size))
+        self._given = size
 
     def rewind(self) -> dict[int, int]:
         """Take back what is not on the disk as a whole; return what is, by connection."""
-        end, self.message_end_time = self._good
-        self.bio.truncate(end)
-        self.bio.seek(end)
-        self.chunk = PendingChunk(2**63 - 1, 0, BytesIO(), defaultdict(list))
         self._disk.close()
-        return dict(self.channel_stats)
+        self.bio.seek(self._begin)
+        self.bio.truncate(self._begin + (_CHUNK.size + self._given if self._given else 0))
+        kept = PendingChunk(2**63 - 1, 0, BytesIO(), defaultdict(list))
+        kept.bio.write(self.chunk.bio.getvalue()[:self._given])
+        counts = dict(self.channel_stats)
+        for number, messages in self.chunk.msgs.items():
+            if given := [message for message in messages if message[1] < self._given]:
+                kept.msgs[number] = given
+                counts[number] += len(given)
+        self.chunk = kept
+        return counts
 
     def close(self, version: int, metadata: str) -> None:
         """Complete the file."""
