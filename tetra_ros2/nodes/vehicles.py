@@ -110,7 +110,8 @@ class Vehicles:
 
     def assess(self) -> tuple[str, dict[str, Any]]:
         """Return what is wrong with the bodies, or nothing, and figures for the diagnostics."""
-        problems, values = [], {}
+        problems: list[str] = []
+        values: dict[str, Any] = {}
         if self.physics is not None:
             values['body'] = self.physics.body
             values.update(limits_to_diagnostics(self._bodies.limits()))

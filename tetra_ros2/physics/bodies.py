@@ -10,7 +10,7 @@ pure function of start, commands and seed, to the last bit.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import math
 
@@ -133,14 +133,14 @@ class PhysicalBodies(RigidBodies, ABC):
     def _forget(self) -> None:
         """Begin to note anew what is at its limit."""
 
-    def step(self, h: float, rates: Sequence[Sequence[float]]) -> None:
+    def step(self, h: float, rates: Iterable[Sequence[float]]) -> None:
         """
         Command every body a constant rate for a time ``h`` [s].
 
         :param h: the time [s]
         :param rates: angular velocities w_i (x, y, z) in the body frames [rad/s]
         """
-        commands = np.array(rates, dtype=float)
+        commands = np.array(list(rates), dtype=float)
         count = max(1, round(h * self.physics.rate))
         dt = self._model.opt.timestep = h / count
         self._forget()
@@ -290,10 +290,11 @@ class FloatingBodies(PhysicalBodies):
         """Return what each joint can do, by its name: the same for all bodies."""
         vehicle = self._vehicle
         torque = {int(w): float(limit) for w, limit in zip(vehicle.wheel, vehicle.torque_limits)}
-        return {name: JointLimits(*map(float, vehicle.limits[k]),
-                             self.physics.wheels.speed_limit if k in torque else math.inf,
-                             torque.get(k, math.inf))
-                for k, name in enumerate(vehicle.joints)}
+        return {name: JointLimits(
+                    low, high, self.physics.wheels.speed_limit if k in torque else math.inf,
+                    torque.get(k, math.inf))
+                for k, (name, (low, high)) in enumerate(
+                    zip(vehicle.joints, vehicle.limits.tolist()))}
 
 
 class Gimbals(PhysicalBodies):
@@ -425,8 +426,8 @@ class Gimbals(PhysicalBodies):
     def limits(self) -> dict[str, JointLimits]:
         """Return what each joint can do, by its name: the same for all bodies."""
         rate = self.physics.gimbal.rate_limit
-        return {name: JointLimits(*map(float, ends), rate, float(torque)) for name, ends, torque
-                in zip(self._vehicle.joints, self._limits, self._vehicle.torque_limits)}
+        return {name: JointLimits(low, high, rate, torque) for name, (low, high), torque in zip(
+            self._vehicle.joints, self._limits.tolist(), self._vehicle.torque_limits.tolist())}
 
 
 def make_bodies(attitudes: ArrayLike, axes: ArrayLike, physics: Physics,

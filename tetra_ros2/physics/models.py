@@ -116,7 +116,8 @@ def _numbers(values: object) -> str:
 def _box_sides(mass: float, inertia: tuple[float, float, float]) -> Array:
     """Return the sides of the solid box of that mass and inertia [m]."""
     j = np.asarray(inertia)
-    return np.sqrt(np.maximum(6.0 / mass * (np.sum(j) - 2.0 * j), 1e-6))
+    sides: Array = np.sqrt(np.maximum(6.0 / mass * (np.sum(j) - 2.0 * j), 1e-6))
+    return sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +225,8 @@ def examine(spec: 'mujoco.MjSpec') -> Vehicle:
                           for k in range(model.nu)])
         by_motor = inverse @ moment
         own = np.array([by_motor[6 + w, k] if w >= 0 else 0.0 for k, w in enumerate(wheel)])
-        return Vehicle(spec, True, hinges, torque_limits, inertia[3:6], np.linalg.pinv(response),
+        allocation: Array = np.linalg.pinv(response).astype(float)
+        return Vehicle(spec, True, hinges, torque_limits, inertia[3:6], allocation,
                        inverse[3:6, 3:6], wheel, own, limits)
     if hinges != (PAN, TILT) or model.njnt != 2:
         raise BodyError(f'{BODY!r} has neither a free joint nor hinges named {PAN!r} and '
@@ -264,7 +266,8 @@ def _moments(model: 'mujoco.MjModel', data: 'mujoco.MjData') -> Array:
 
 def origins(n: int) -> Array:
     """Return where :func:`assemble` puts the vehicles [m], ``(n, 3)``."""
-    return np.arange(1, n + 1)[:, None] * np.array([3.0, 0.0, 0.0])
+    places: Array = np.arange(1, n + 1)[:, None] * np.array([3.0, 0.0, 0.0])
+    return places
 
 
 def assemble(vehicle: Vehicle, mounting: Array) -> 'mujoco.MjModel':

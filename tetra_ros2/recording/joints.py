@@ -5,6 +5,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +57,8 @@ def read(messages: Sequence[bytes]) -> Joints | None:
     :returns: None if nothing is left
     """
     names: tuple[str, ...] | None = None
-    stamps, rows = [], []
+    stamps: list[int] = []
+    rows = []
     for message in messages:
         try:
             state = decode(message)
@@ -87,7 +89,8 @@ def limits(messages: Sequence[bytes], plant: str, joints: Sequence[str]) -> dict
     store = get_typestore(Stores.ROS2_JAZZY)
     for message in reversed(messages[-MOST:]):
         try:
-            statuses = store.deserialize_cdr(message, DIAGNOSTICS_TYPE).status
+            array: Any = store.deserialize_cdr(message, DIAGNOSTICS_TYPE)
+            statuses = array.status
         except Exception:  # whoever sent it; the reader of messages has no one error for that
             continue
         for status in statuses:
