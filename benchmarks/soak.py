@@ -142,8 +142,8 @@ def visit(domain: int) -> bool:
     """Come, hear a state, ask the plant for a parameter, and go; return whether both came."""
     context = Context()
     context.init(domain_id=domain)
+    node = Node('visitor', context=context)
     try:
-        node = Node('visitor', context=context)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         heard: list[bytes] = []
@@ -158,6 +158,7 @@ def visit(domain: int) -> bool:
         executor.shutdown()
         return bool(heard) and answer is not None and answer.done()
     finally:
+        node.destroy_node()  # its part of the shared memory is there until then
         context.try_shutdown()
 
 
