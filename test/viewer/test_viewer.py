@@ -128,27 +128,30 @@ def test_the_page_shows_labelled_axes_moving_charts_and_what_theory_says(formati
     assert not page.elsewhere, 'it needs no network'
 
 
+def is_whole(scene):
+    """Return whether what is in a picture is cut off nowhere, and as large as can be."""
+    ink = np.max(np.abs(scene - scene[2, 2]), axis=-1) > 6
+    rows_, columns = np.flatnonzero(ink.any(axis=1)), np.flatnonzero(ink.any(axis=0))
+    height, width = ink.shape
+    return (ink.any() and columns[0] > 0 and columns[-1] < width - 1 and rows_[0] > 0
+            and rows_[-1] < height - 1 and np.ptp(columns) > 0.5 * min(width, height))
+
+
 @pytest.mark.parametrize('size', SIZES)
 def test_all_of_the_sphere_is_on_the_page(formation, visit, size):
     page = visit(formation, SIZES[size], '?darkMode' if size == 'small' else '')
     until(page, lambda: shown_time(page), 'a time')
     dismiss(page)
-    if size == 'phone':  # the panel lies over the lower half, until it is put away
-        page.get_by_text('tetra_ros2', exact=True).click()
     width = SIZES[size][0] - (420 if size != 'phone' else 0)  # the panel and its shadow
 
     def whole():
         """Return whether each agent is seen, nothing is cut off, and it is as large as can be."""
         scene = pixels(page, f'viewer_{size}')[:, :width]
-        ink = np.max(np.abs(scene - scene[2, 2]), axis=-1) > 6
-        if size == 'phone':
-            ink[-70:] = False  # what is left of the panel
-        rows_, columns = np.flatnonzero(ink.any(axis=1)), np.flatnonzero(ink.any(axis=0))
+        if size == 'phone':  # the panel stands below
+            scene = scene[:int(page.locator('canvas').first.bounding_box()['height']) - 20]
         return (
             all(np.any(has_hue(scene, colors.rgb(colors.agent(i)))) for i in range(1, 5))
-            and columns[0] > 0 and columns[-1] < width - 1
-            and rows_[0] > 0 and rows_[-1] < len(scene) - 1
-            and np.ptp(columns) > 0.5 * min(width, len(scene)))
+            and is_whole(scene))
 
     until(page, whole, 'all of the sphere')
 
@@ -345,6 +348,9 @@ def test_a_recording_becomes_a_page_that_plays_without_a_server(chromium, tmp_pa
         clock.press('Enter')
         until(page, lambda: all(np.sum(has_hue(pixels(page, 'page'), colors.rgb(
             colors.agent(i)))) > 30 for i in range(1, 5)), 'four agents')
+        dismiss(page)
+        page.set_viewport_size({'width': 300, 'height': 560})  # a phone
+        until(page, lambda: is_whole(pixels(page, 'page_phone')[80:-60]), 'all of the sphere')
         assert not page.elsewhere
     finally:
         context.close()

@@ -26,12 +26,11 @@ from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.viewer.skin import dress
 import websockets.asyncio.server
 from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
-
-TITLE = 'tetra_ros2'
 
 LARGEST_MESSAGE = 64 * 1024
 """What a browser may send at once [bytes]: it sends a camera, or the value of a button."""
@@ -122,7 +121,7 @@ class Door:
         response = serve(connection, request)
         if response is not None:
             # No other page may put this one into a frame, and have its buttons pressed unseen.
-            _give_title(response)
+            _dress(response)
             response.headers['Content-Security-Policy'] = "frame-ancestors 'self'"
             response.headers['Referrer-Policy'] = 'no-referrer'
             if self.token is not None:  # the handshake that follows carries no query
@@ -145,24 +144,19 @@ class Door:
             return False
 
 
-def _give_title(response: Response) -> None:
-    """Call a page by this package's name; viser calls every page by its own."""
+def _dress(response: Response) -> None:
+    """Dress a page as this package has it."""
     if response.headers.get('Content-Type', '').startswith('text/html'):
-        response.body = _titled(bytes(response.body), response.headers['Content-Encoding'])
+        response.body = _dressed(bytes(response.body), response.headers['Content-Encoding'])
         del response.headers['Content-Length']
         response.headers['Content-Length'] = str(len(response.body))
 
 
 @lru_cache(maxsize=2)
-def _titled(body: bytes, encoding: str) -> bytes:
+def _dressed(body: bytes, encoding: str) -> bytes:
     if encoding == 'gzip':
-        return gzip.compress(titled(gzip.decompress(body)))
-    return titled(body)
-
-
-def titled(page: bytes) -> bytes:
-    """Return a page with the title of this package."""
-    return page.replace(b'<title>Viser</title>', f'<title>{TITLE}</title>'.encode(), 1)
+        return gzip.compress(dress(gzip.decompress(body)))
+    return dress(body)
 
 
 def _is_plain(value: Any) -> bool:

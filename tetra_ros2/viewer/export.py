@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.recording.reader import Recording
-from tetra_ros2.viewer.door import titled
 from tetra_ros2.viewer.scene import CAMERA, Edge, Scene, TRAIL
 from tetra_ros2.viewer.server import serve, stop
+from tetra_ros2.viewer.skin import dress
 
 PICTURES_PER_SECOND = 20.0
 
@@ -75,8 +75,8 @@ def write(recording: Recording, edges: tuple[Edge, ...], path: Path,
     caption = CAPTION.format(html.escape(
         f'{recording.path.name}: {recording.n} agents, {duration:.4g} s. '
         'Drag to turn, scroll to come closer, space to stop.'))
-    document = titled(page.encode()).replace(
-        b'</body>', caption.encode() + b'</body>', 1)
+    document = dress(page.encode()).replace(
+        b'</body>', f'{caption}</body>'.encode(), 1)
     try:
         path.write_bytes(document)
     except OSError as error:

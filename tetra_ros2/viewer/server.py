@@ -10,7 +10,8 @@ import socket
 from typing import Any
 
 from tetra_ros2.config.parameters import ConfigurationError
-from tetra_ros2.viewer.door import Door, guard, is_loopback, TITLE
+from tetra_ros2.viewer.door import Door, guard, is_loopback
+from tetra_ros2.viewer.skin import TITLE
 import viser
 
 
