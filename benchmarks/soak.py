@@ -56,7 +56,7 @@ RELOAD_PERIOD = 600.0
 VISIT_PERIOD = 60.0
 """How often somebody else's node comes [s]."""
 
-PATIENCE = 10.0
+PATIENCE = 30.0
 """How long anything that is asked for may take [s]."""
 
 NODES = ('plant', *(f'agent_{i}' for i in range(1, 5)), 'monitor', 'recorder', 'viewer')
@@ -90,9 +90,13 @@ def figures(pid: int) -> dict[str, float]:
 
 
 def writer_of(recorder: int) -> int:
-    """Return the process that writes for a recorder."""
-    child, = Path(f'/proc/{recorder}/task/{recorder}/children').read_text().split()
-    return int(child)
+    """Wait for the process that writes for a recorder, and return it."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        if children := Path(f'/proc/{recorder}/task/{recorder}/children').read_text().split():
+            return int(children[0])
+        time.sleep(0.1)
+    raise TimeoutError('the recorder has not begun')
 
 
 def processor_time(pid: int) -> float:

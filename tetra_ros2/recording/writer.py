@@ -153,6 +153,7 @@ def main(path, storage):
         # Where rosbags lacks something, the recorder is to say so, too.
         from tetra_ros2.recording.bag import Bag
         bag = Bag(Path(path), storage)
+        _types()  # now, as soon messages come that would wait for it
         answer(None)
         _serve(bag, sys.stdin.buffer.raw, answer, clerk)
         clerk.wait()
@@ -285,13 +286,19 @@ def _add(bag, name, type_name, type_hash, profiles):
 @cache
 def _definition(type_name):
     """Return the definition of a type, or None if it is unknown."""
-    # The recorder needs nothing of these, only the process that writes.
-    from rosbags.typesys import get_typestore, Stores
-    from rosbags.typesys.base import TypesysError
+    from rosbags.typesys.base import TypesysError  # for the process that writes alone, see below
     try:
-        return get_typestore(Stores.ROS2_JAZZY).generate_msgdef(type_name, ros_version=2)[0]
+        return _types().generate_msgdef(type_name, ros_version=2)[0]
     except (KeyError, TypesysError):
         return None
+
+
+@cache
+def _types():
+    """Return all message types of ROS 2 Jazzy."""
+    # The recorder needs nothing of these, only the process that writes.
+    from rosbags.typesys import get_typestore, Stores
+    return get_typestore(Stores.ROS2_JAZZY)
 
 
 def _profile(history, depth, reliability, durability, deadline, lifespan, liveliness, lease,
