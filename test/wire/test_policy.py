@@ -51,6 +51,16 @@ def test_an_agent_may_hear_its_neighbours_and_command_its_own_body_only():
     assert speakers == ['agent_1']
 
 
+def test_a_monitor_that_publishes_tf_may_do_so(tmp_path, capsys):
+    file = tmp_path / 'formation.yaml'
+    for wanted in (False, True):
+        file.write_text(f'/**:\n  ros__parameters:\n    publish_tf: {str(wanted).lower()}\n')
+        assert main(['policy', '--config', str(file)]) == 0
+        allowed = etree.fromstring(capsys.readouterr().out.encode()).xpath(
+            '//profile[@node="monitor"]/topics[@publish]/topic/text()')
+        assert ('/tf' in allowed) == wanted
+
+
 def test_the_command_writes_it(tmp_path, capsys):
     file = tmp_path / 'policy.xml'
     assert main(['policy', '--config', 'rotating', '--namespace', 'orbit', '--output',

@@ -46,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     file = configuration.load(arguments.config)
     plant = file.values('plant')
     lockstep, mass = plant['mode'] == 'lockstep', plant['body'] != 'kinematic'
-    nodes = rights(file.formation().topology, namespace, lockstep=lockstep, mass=mass)
+    nodes = rights(file.formation().topology, namespace, lockstep=lockstep, mass=mass,
+                   tf=file.values('monitor')['publish_tf'])
     text = document(nodes, namespace)
     if arguments.output is None:
         sys.stdout.write(text)

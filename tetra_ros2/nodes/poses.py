@@ -36,9 +36,6 @@ LOOK = 1.0
 REPORT_AGAIN = 0.2
 """How long after a report of lost bodies the next one may wait for its turn [s]."""
 
-TRANSFORMS = '/tf'
-
-
 class Poses:
     """
     Listens to the poses of some bodies, and says what is known of their attitudes.
@@ -107,7 +104,7 @@ class Poses:
             self.on_transforms(deserialize_message(data, TFMessage))
 
         self._frame = self._frame or names.WORLD
-        self._node.listen(TFMessage, TRANSFORMS, on_message, qos.SENSORS)
+        self._node.listen(TFMessage, names.TF, on_message, qos.SENSORS)
 
     def _receiver(self, i: int) -> Callable[[bytes], None]:
         def on_pose(data: bytes) -> None:

@@ -23,9 +23,6 @@ from rclpy.time import Time
 from tetra_ros2.formation._types import Array
 from tetra_ros2.wire import names
 
-TOPIC = '/tf'
-"""Where TF is, in whatever namespace the formation may be."""
-
 DEPTH = 100
 """Depth of the queue, as that of tf2_ros."""
 
@@ -58,7 +55,7 @@ class Transforms:
                 'the wheels have not')
             return
         self._message: Any = TFMessage
-        self._publisher = node.create_publisher(TFMessage, TOPIC, DEPTH)
+        self._publisher = node.create_publisher(TFMessage, names.TF, DEPTH)
         node.create_steady_timer(PERIOD, self._publish)
 
     def _publish(self) -> None:

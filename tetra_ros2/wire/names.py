@@ -29,6 +29,7 @@ MARKERS = 'formation/markers'
 BODIES = 'formation/bodies'
 DIAGNOSTICS = '/diagnostics'
 CLOCK = '/clock'
+TF = '/tf'
 
 RESET = 'plant/reset'
 RANDOMIZE = 'plant/randomize'

@@ -52,7 +52,7 @@ class Rights:
 
 
 def rights(topology: Topology, namespace: str = '', *, lockstep: bool = True,
-           mass: bool = False) -> dict[str, Rights]:
+           mass: bool = False, tf: bool = False) -> dict[str, Rights]:
     """
     Return what each node of a formation may do, by the nodes' names.
 
@@ -60,6 +60,7 @@ def rights(topology: Topology, namespace: str = '', *, lockstep: bool = True,
     :param namespace: of the formation
     :param lockstep: whether the plant publishes ``/clock``
     :param mass: whether its bodies have mass, and so joints and a look
+    :param tf: whether the monitor publishes ``/tf``
     """
     base = namespace.rstrip('/')
 
@@ -82,7 +83,8 @@ def rights(topology: Topology, namespace: str = '', *, lockstep: bool = True,
         subscribe=set(commands.values()),
         reply={full(name) for name in (
             names.RESET, names.RANDOMIZE, names.PAUSE, names.stop(names.PLANT))})
-    nodes[names.MONITOR] = Rights(publish={cosines, error, markers}, subscribe={attitudes})
+    nodes[names.MONITOR] = Rights(
+        publish={cosines, error, markers, *({names.TF} if tf else ())}, subscribe={attitudes})
     nodes[names.RECORDER] = Rights(subscribe={
         attitudes, cosines, error, names.DIAGNOSTICS, names.CLOCK, *measurements.values(),
         *commands.values(), *joints})
