@@ -14,14 +14,17 @@
 
 """What the monitor makes of the states that it sees."""
 
+from types import SimpleNamespace
+
 from geometry_msgs.msg import PoseArray
 from node_bench import Bench
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
+from std_msgs.msg import Float64, Float64MultiArray
 from tetra_ros2.formation import gain
 from tetra_ros2.nodes.monitor import Monitor
-from tetra_ros2.wire import cdr
+from tetra_ros2.wire import cdr, names
 
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
 REST = [0.0, 0.0, 0.0, 1.0]
@@ -94,3 +97,32 @@ def test_a_gain_that_is_changed_while_it_runs_changes_the_scale_of_what_is_at_re
         before = bench.node.observer.fastest
         bench.node.set_parameters([Parameter('gain.a', value=2.5)])
         assert bench.node.observer.fastest == pytest.approx(2.5 * before)
+
+
+@pytest.mark.parametrize('period', [0.01, 0.4])
+def test_a_plant_that_falls_silent_is_missed_however_often_it_used_to_speak(
+        probe, monkeypatch, period):
+    now = 100.0
+    monkeypatch.setattr('tetra_ros2.nodes.monitor.time', SimpleNamespace(monotonic=lambda: now))
+    with Bench(probe, Monitor) as bench:
+        publisher = bench.publisher(PoseArray, 'formation/attitudes')
+        for stamp in range(1, 6):
+            now += period
+            publisher.publish(state(stamp))
+            bench.wait_for(lambda s=stamp: bench.node.observer.stamp == s, 'it')
+        now += 2.5 * period
+        assert bench.node.assess()[1] == 'formed: regular tetrahedron'
+        now += max(0.5, period)
+        level, message, _ = bench.node.assess()
+        assert 'no attitudes for' in message
+        assert level != b'\0'
+
+
+def test_somebody_else_who_says_how_large_the_error_is_is_reported(probe):
+    with Bench(probe, Monitor) as bench:
+        for kind, topic in ((Float64, names.ERROR), (Float64MultiArray, names.COSINES)):
+            other = probe.node.create_publisher(kind, topic, 1)
+            bench.wait_for(
+                lambda t=topic: f'/{t}' in bench.node.publisher_conflicts(), 'a conflict')
+            probe.node.destroy_publisher(other)
+            bench.wait_for(lambda: not bench.node.publisher_conflicts(), 'its end')

@@ -549,3 +549,35 @@ def test_after_a_reset_in_real_time_the_next_step_begins_there(clocks):
 def test_agents_are_named_by_their_bits():
     assert agents_of(0) == ''
     assert agents_of(0b1011) == 'agent_1, agent_2, agent_4'
+
+
+@pytest.mark.parametrize('jump', [-3600, -60, -1, 1, 3600])
+def test_in_real_time_a_clock_that_was_set_is_reported_for_a_report_or_two(clocks, jump):
+    plant, stepper = begin(RealTime, clocks)
+    for _ in range(3):
+        clocks.advance(PERIOD)
+        plant.tick()
+    assert 'clock' not in stepper.assess(HEALTH)[1]
+    clocks.node += jump * 10**9
+    reports = []
+    for _ in range(4):
+        for _ in range(100):
+            clocks.advance(PERIOD)
+            plant.tick()
+            answer(stepper)
+        reports.append(stepper.assess(HEALTH))
+    told = ['the clock was set' in message for _, message, _ in reports]
+    assert told in ([True, False, False, False], [True, True, False, False])
+    assert reports[0][0] != reports[-1][0], 'it is a warning'
+    assert reports[-1][2]['clock jumps'] == 1
+
+
+def test_in_lockstep_who_is_waited_for_is_told_so_soon_that_a_report_comes_within_two_seconds(
+        clocks):
+    _, stepper = begin(Lockstep, clocks)
+    answer(stepper)
+    stepper.command(0, stepper.stamp, TURN)
+    clocks.advance(900_000_000)
+    _, message, values = stepper.assess(HEALTH)
+    assert message == 'waiting for agent_2'
+    assert values['state'] == 'waiting'

@@ -43,6 +43,9 @@ WATCH_PERIOD = 20e-3
 ALERT = 1.0
 """For how long to look more often after something was lost [s]."""
 
+TOLD = 0.5
+"""Of whom the plant has waited for longer than this [s] is told in the diagnostics."""
+
 OFTEN = 100
 """How often they are repeated in a step before that happens once in ``republish_period`` only."""
 
@@ -296,7 +299,7 @@ class Lockstep(Stepper):
         """Return level, message and figures for the diagnostics."""
         rates = health.rates({'step rate [Hz]': self.steps})
         waited = time.monotonic() - self._waiting_since
-        state = 'paused' if self.paused else 'waiting' if self._missing and waited > 1.0 \
+        state = 'paused' if self.paused else 'waiting' if self._missing and waited > TOLD \
             else 'running'
         values = {'mode': 'lockstep', 'state': state, 'formation time [s]': self.stamp / 1e9,
                   'steps': self.steps, **rates,
@@ -307,6 +310,6 @@ class Lockstep(Stepper):
             return diagnostics.ERROR, f'held still, not answering: {absent}', values
         if self.paused:
             return diagnostics.OK, 'paused', values
-        if self._missing and waited > 1.0:
+        if self._missing and waited > TOLD:
             return diagnostics.WARN, f'waiting for {agents_of(self._missing)}', values
         return diagnostics.OK, 'running', values

@@ -19,6 +19,8 @@ Unlike an agent it sees absolute attitudes and knows what is to come out; nobody
 but people.
 """
 
+import time
+
 from geometry_msgs.msg import PoseArray
 import numpy as np
 from rclpy.serialization import serialize_message
@@ -35,6 +37,9 @@ from tetra_ros2.wire import cdr, names
 
 HOLD = 500_000_000
 """For how long the error has to stay below the tolerance before it is told [ns]."""
+
+SILENCE = 0.5
+"""After how long without a state the plant is missed [s]; longer where states are rarer."""
 
 PATIENCE = 3
 """After how many old stamps in a row the plant is taken to have been started anew."""
@@ -54,15 +59,17 @@ class Monitor(FormationNode):
         self.formation = formation = formation_from_parameters(values)
         self.observer = self._make_observer(values['tolerance'])
         self._old = 0  # how many old stamps in a row
+        self._heard_at = self._interval = 0.0  # of the last state, on the steady clock [s]
         self._awaited = self._formed_at = None
         self._watchers = []
         self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decoder()
         self._send_cosines = raw_publish(
-            self.offer(Float64MultiArray, names.COSINES, qos.STATE))
+            self.offer(Float64MultiArray, names.COSINES, qos.STATE, exclusive=True))
         self._encode_cosines = cdr.trailing_numbers(
             serialize_message(self._cosines_message()), len(self.observer.pairs))
         if self.observer.shape is not None:
-            self._send_error = raw_publish(self.offer(Float64, names.ERROR, qos.STATE))
+            self._send_error = raw_publish(
+                self.offer(Float64, names.ERROR, qos.STATE, exclusive=True))
             self._encode_error = cdr.trailing_numbers(serialize_message(Float64()), 1)
         self._markers = Markers(self, self._look)
         self._transforms = Transforms(self, self._poses) if values['publish_tf'] else None
@@ -120,6 +127,8 @@ class Monitor(FormationNode):
                 self.observer = self._make_observer(observer.tolerance)
             return
         self._old = 0
+        now = time.monotonic()
+        self._interval, self._heard_at = now - self._heard_at, now
         for tell in self._watchers:
             tell(message)
         if not new:
@@ -159,14 +168,23 @@ class Monitor(FormationNode):
         if not observer.count:
             return diagnostics.WARN, 'waiting for attitudes', values
         values['formation time [s]'] = observer.elapsed
+        level, message = diagnostics.OK, self._describe(values)
+        silent = time.monotonic() - self._heard_at
+        if silent > max(SILENCE, 3.0 * self._interval):
+            level, message = diagnostics.WARN, f'{message}; no attitudes for {silent:.1f} s'
+        return level, message, values
+
+    def _describe(self, values):
+        """Say in words how the formation is, and add the figures."""
+        observer = self.observer
         if observer.shape is None:
             values['change of shape [rad/s]'] = observer.error
-            return diagnostics.OK, 'watching a formation of no known shape', values
+            return 'watching a formation of no known shape'
         values['formation error [rad]'] = observer.error
         if observer.formed_at is None:
-            return diagnostics.OK, f'forming: {observer.shape.name}', values
+            return f'forming: {observer.shape.name}'
         values['time to form [s]'] = observer.time_to_form
-        return diagnostics.OK, f'formed: {observer.shape.name}', values
+        return f'formed: {observer.shape.name}'
 
 
 def main(config=None, arguments=()):

@@ -26,6 +26,9 @@ from tetra_ros2.ros import diagnostics
 CLOCK_TOLERANCE = 100_000_000
 """By how much the node's clock may leave the steady one in a step before it has been set [ns]."""
 
+JUMP_TOLD = 1.5
+"""For how long the diagnostics tell of a clock that was set [s]: for a report or two."""
+
 
 class RealTime(Stepper):
     """
@@ -56,6 +59,7 @@ class RealTime(Stepper):
         self._simulated = plant.get_parameter('use_sim_time').value
         self._stepped_at = 0  # on the clock that steps are measured on [ns]
         self.clock_jumps = 0
+        self._jumped_at = -math.inf  # on the steady clock [s]
 
     def configure(self, values):
         """Take the parameters, at the start and whenever they change."""
@@ -131,6 +135,7 @@ class RealTime(Stepper):
             self._forget_commands()
         elif abs(now - before - elapsed) > CLOCK_TOLERANCE:  # the stamps so far say nothing now
             self.clock_jumps += 1
+            self._jumped_at = time.monotonic()
             self._forget_commands()
         elif not self.paused:
             self._step(elapsed, before, now)
@@ -167,8 +172,10 @@ class RealTime(Stepper):
             age = (self.stamp - self._stamps[i]) / 1e9 if self._stamps[i] else math.inf
             values[f'age of command of agent_{i + 1} [s]'] = age
         silent = self._silent & sum(1 << i for i in self._agents)
-        if self.paused:
-            return diagnostics.OK, 'paused', values
-        if silent:
-            return diagnostics.ERROR, f'held still, no recent command: {agents_of(silent)}', values
-        return diagnostics.OK, 'running', values
+        level, message = diagnostics.OK, 'paused' if self.paused else 'running'
+        if silent and not self.paused:
+            level, message = diagnostics.ERROR, \
+                f'held still, no recent command: {agents_of(silent)}'
+        if time.monotonic() - self._jumped_at < JUMP_TOLD:
+            level, message = max(level, diagnostics.WARN), f'{message}; the clock was set'
+        return level, message, values
