@@ -48,6 +48,7 @@ from tetra_ros2.nodes.plant import Plant
 from tetra_ros2.ros.executor import (
     initialize,
     local_by_default,
+    look_around,
     look_for_signals,
     make_executor,
     SPIN_PERIOD,
@@ -174,6 +175,7 @@ class Launcher:
 
     def _start(self) -> None:
         local_by_default()
+        look_around()
         self._context = Context()
         initialize(self._context, self._for_context)
         self.executor = make_executor(self._context)

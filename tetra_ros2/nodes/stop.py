@@ -41,6 +41,7 @@ def main(data: bool, namespace: str = '', arguments: Any = ()) -> int:
     :returns: 0 if there were any and all of them answered, otherwise 1
     """
     executor.local_by_default()
+    executor.look_around()
     context = Context()
     executor.initialize(context, ['--ros-args', *arguments])
     node = Node('stop', context=context, namespace=namespace or None, use_global_arguments=True)

@@ -120,6 +120,17 @@ def local_by_default():
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
+def look_around():
+    """
+    Learn of all nodes and topics from a discovery server too, if there is one.
+
+    It tells a plain client only of what that publishes or subscribes itself, and a recorder would
+    never hear of the topics that it is to record.
+    """
+    if os.environ.get('ROS_DISCOVERY_SERVER'):
+        os.environ.setdefault('ROS_SUPER_CLIENT', 'TRUE')
+
+
 def ros_arguments(config=None, arguments=()):
     """
     Return how a context and how its nodes are to be initialised.

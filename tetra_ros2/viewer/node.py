@@ -401,5 +401,6 @@ class _Actions:
 
 def main(host, port, read_only=False, config=None, arguments=()):
     """Run the viewer until it is signalled; see :func:`tetra_ros2.ros.executor.run`."""
+    executor.look_around()
     return executor.run(
         partial(Viewer, host=host, port=port, read_only=read_only), config, arguments)
