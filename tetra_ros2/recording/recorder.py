@@ -114,11 +114,11 @@ class Recorder(FormationNode):
         namespace = self.get_namespace().rstrip('/')
         patterns = [re.escape(topic if topic.startswith('/') else f'{namespace}/{topic}')
                     for topic in values['topics']]
-        if values['regex']:
-            patterns.append(values['regex'])
         if not patterns:
             patterns = [f'{re.escape(namespace)}/(?:{p})' for p in names.FORMATION_TOPICS]
             patterns += [re.escape(names.DIAGNOSTICS), re.escape(names.CLOCK)]
+        if values['regex']:
+            patterns.append(values['regex'])
         return patterns
 
     def _open(self, storage):
@@ -156,11 +156,14 @@ class Recorder(FormationNode):
 
     def _fail(self, error):
         """Give up recording: what is on the disk stays there, and may have to be recovered."""
-        self._writer.abort()
+        writer = self._writer
         self._end()
         self.exit_status = 1
         self.failure = str(error)
-        self.get_logger().error(f'{self.path} cannot be written any more: {error}')
+        if self.health is not None:
+            self.health.report()  # before it waits
+        self.failure = writer.give_up(error)
+        self.get_logger().error(f'{self.path} cannot be written any more: {self.failure}')
 
     def _end(self):
         """Listen no more: what nobody reads would pile up."""
@@ -358,4 +361,5 @@ def _offered(profile):
 
 def main(config=None, arguments=()):
     """Record until signalled; see :func:`tetra_ros2.ros.executor.run`."""
+    executor.look_around()
     return executor.run(Recorder, config, arguments)

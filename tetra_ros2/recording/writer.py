@@ -42,9 +42,20 @@ FLUSH_PERIOD = 0.2
 
 _LENGTH = struct.Struct('<I')
 
+_IN_TROUBLE = ...
+"""The value of an answer that is the reason for another one, which is to follow."""
+
 
 class BagError(Exception):
-    """A recording cannot be begun, or not go on; the text says why."""
+    """
+    A recording cannot be begun, or not go on; the text says why.
+
+    :param early: whether the process that writes is still at work, to save what it can
+    """
+
+    def __init__(self, text, early=False):
+        super().__init__(text)
+        self.early = early
 
 
 class BagWriter:
@@ -109,6 +120,22 @@ class BagWriter:
         self._process.kill()
         self._end()
 
+    def give_up(self, error):
+        """
+        Wait until the process that writes has saved what it can.
+
+        :param error: what ended the recording
+        :returns: a text that says what did, and what became of the bag
+        """
+        try:
+            if error.early:
+                self._answer()
+        except BagError as last:
+            return str(last)
+        finally:
+            self._end()
+        return str(error)
+
     def _end(self):
         self._process.wait()
         self._process.stdout.close()
@@ -116,6 +143,9 @@ class BagWriter:
             self._process.stdin.close()
 
     def _tell(self, what):
+        # It speaks unasked only when it is in trouble.
+        if select.select([self._process.stdout], [], [], 0.0)[0]:
+            self._answer(early=True)
         message = marshal.dumps(what)
         try:
             self._process.stdin.write(_LENGTH.pack(len(message)) + message)
@@ -124,13 +154,16 @@ class BagWriter:
             self._answer()
             raise BagError('the process that writes is gone') from None
 
-    def _answer(self):
+    def _answer(self, early=False):
+        """Return what the process that writes answers; by default it has nothing more to say."""
         try:
             error, value = marshal.load(self._process.stdout)
+            while value is _IN_TROUBLE and not early:
+                error, value = marshal.load(self._process.stdout)
         except EOFError:
             raise BagError('the process that writes has died') from None
         if error is not None:
-            raise BagError(error)
+            raise BagError(error, early=value is _IN_TROUBLE)
         return value
 
 
@@ -161,6 +194,7 @@ def main(path, storage):
     # A full disk is an OSError or one of SQLite's, and rosbags has errors of its own; whatever
     # ends the recording, the recorder is to know of it.
     except Exception as error:
+        answer(_reason(error), _IN_TROUBLE)  # to save what can be saved takes a while
         clerk.wait()
         kept = bag is not None and _salvage(bag)
         answer(f'{_reason(error)}{"" if kept or bag is None else _TORN.format(path)}')
