@@ -15,26 +15,25 @@
 """
 Faults at random on a running formation, one after the other: ``make chaos``.
 
-Plant, agents, monitor and recorder each have a host of their own (:mod:`benchmarks.hosts`). A
-fault is drawn from a seed, done, and undone. Then the formation has to form again. A fault is
-survived if
+Plant, agents, monitor, recorder and viewer each have a host of their own
+(:mod:`benchmarks.hosts`). A fault is drawn from a seed, done, and undone. Then the formation has
+to form again. A fault is survived if
 
-- the error falls below the tolerance again, within :data:`PATIENCE`;
-- every number in every message of the formation's own nodes was finite, and no node ended;
-- a diagnostic status reported it within :data:`REPORT_TIME`, where it disturbed the formation;
-- the recording can be read, where the recorder was hit.
+- all agents answer again and the error falls below the tolerance, within :data:`PATIENCE`;
+- every number in every message of the formation's own nodes was finite;
+- no node ended, and every node tells again how it is;
+- the diagnostics named it within :data:`REPORT_TIME`, where somebody was away for 2 s or more,
+  or an intruder spoke for 1.5 s or more where only one node should;
+- the recording can be read: all of them are, after ``tetra recover`` where they were cut off.
 
-Four formations are tried: both modes, both of the paper's graphs.
+Four formations are tried: both modes, both of the paper's graphs. Fault k of a formation is the
+same whatever came before it: ``--first k --faults 1 --formation MODE GRAPH`` does it again.
 """
 
 import argparse
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager, ExitStack, suppress
 from dataclasses import asdict, dataclass
 import json
-import math
-import os
 from pathlib import Path
 import random
 import shutil
@@ -44,34 +43,29 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from typing import Any
 
-from benchmarks.hosts import Hosts, unavailable
+from benchmarks.hosts import unavailable
+from benchmarks.rig import FAKETIME, GAIN, RATE, Rig, TOLERANCE
 
 FORMATIONS = tuple((mode, graph) for mode in ('realtime', 'lockstep')
                    for graph in ('complete', 'rotating'))
 
-GAIN, RATE, TOLERANCE = 4.0, 100.0, 5e-3
-"""Fast enough for many faults in an hour; at this rate sampling leaves the spin 1e-3 rad off."""
-
-SLOWEST = {'complete': GAIN * 8.0 / 3.0, 'rotating': GAIN * 1.521969}
-"""Slowest decay of a small error [1/s]; ``tetra analyze`` gives it for a gain of 1."""
-
-PATIENCE = 30.0
+PATIENCE = 60.0
 """How long a formation may take to form again, once the fault is over [s]."""
 
 REPORT_TIME = 2.0
 """How soon a fault has to be reported [s]."""
 
-HOLD = 0.3
-"""For how long the error has to stay below the tolerance [s]."""
+HOLD = 0.4
+"""How long all is to be well [s]: for longer than silence goes unnoticed."""
 
-NODES = ('plant', 'monitor', 'recorder', 'agent_1', 'agent_2', 'agent_3', 'agent_4')
-WATCHER = 'watcher'
-DISK = 48
-"""Size of the disk that the recorder writes to [MB]."""
+FEW = 3
+"""Of fewer decays than this no median is given."""
 
-FAKETIME = '/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1'
+STARTS = 3
+"""How often in a row a formation may fail to start before it is given up."""
 
 
 @dataclass
@@ -79,6 +73,7 @@ class Outcome:
     """
     What came of a fault.
 
+    :param k: which fault of its formation, from 1
     :param kind: its kind
     :param what: what it was
     :param formation: mode and graph
@@ -87,10 +82,13 @@ class Outcome:
     :param why: why not
     :param error: the largest error that it led to [rad]
     :param time: from its end until the formation had formed again [s]
-    :param expected: what theory says of a decay from that error [s]
+    :param decay: of this, how long the error fell for good [s]; None if there was nothing to fall
+    :param theory: how long the sampled loop takes from the same state [s]
+    :param owed: whether it had to be reported
     :param reported: after how long it was reported [s], None if it was not
     """
 
+    k: int
     kind: str
     what: str
     formation: str
@@ -99,268 +97,250 @@ class Outcome:
     why: str
     error: float
     time: float
-    expected: float
-    reported: float | None
+    decay: float | None = None
+    theory: float | None = None
+    owed: bool = False
+    reported: float | None = None
 
 
-class Rig:
-    """
-    A formation on hosts of its own, and what can be done to it.
-
-    :param mode: of the plant
-    :param graph: the name of a configuration
-    :param seed: of the network
-    :param directory: for logs and recordings
-    """
-
-    nodes = NODES
-
-    def __init__(self, mode: str, graph: str, seed: int, directory: Path) -> None:
-        self.mode, self.graph, self.directory = mode, graph, directory
-        self.hosts = Hosts([*NODES, WATCHER], seed)
-        self._stack = ExitStack()
-        self._processes: dict[str, subprocess.Popen[str]] = {}
-        self._bags = 0
-        self.bag: Path | None = None
-        self.watcher: Any = None
-        self.edges: list[tuple[int, int]] = []
-        self.unreadable: list[str] = []
-
-    def __enter__(self) -> 'Rig':
-        from tetra_ros2.config import configuration
-        topology = configuration.load(self.graph).formation().topology
-        self.edges = [(i, j) for i, j, _ in topology.edges]
-        with self._stack:
-            self._stack.enter_context(self.hosts)
-            self._disk = self.directory / 'disk'
-            self._disk.mkdir()
-            subprocess.run(['mount', '-t', 'tmpfs', '-o', f'size={DISK}m', 'tmpfs', self._disk],
-                           check=True)
-            self._stack.callback(subprocess.run, ['umount', '-l', self._disk], check=False)
-            for name in NODES:
-                self._clock(name).write_text('+0s\n')
-                self.start(name)
-            self.hosts.enter(WATCHER)
-            # rclpy may be imported only where its threads are to be.
-            os.environ.update(self._environment())
-            from benchmarks.watcher import Watcher
-            self.watcher = Watcher(self.edges, topology.n)
-            self._stack.callback(self.watcher.close)
-            self._stack = self._stack.pop_all()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.close()
-
-    def _environment(self) -> dict[str, str]:
-        return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_DOMAIN_ID': '7'}
-
-    def _clock(self, name: str) -> Path:
-        return self.directory / f'{name}.clock'
-
-    def start(self, name: str) -> None:
-        """Start a node on its host."""
-        command = ['--config', self.graph]
-        if name.startswith('agent'):
-            command = ['agent', '--id', name[-1], *command]
-        else:
-            command = [name, *command]
-        if name == 'recorder':
-            self._bags += 1
-            self.bag = self._disk / f'bag_{self._bags}'
-            command += ['--output', str(self.bag)]
-        parameters = {} if name == 'recorder' else {'gain.a': GAIN}
-        if name == 'plant':
-            parameters |= {'mode': self.mode, 'rate': RATE, 'real_time_factor': 1.0}
-        if name == 'monitor':
-            parameters |= {'tolerance': TOLERANCE}
-        if parameters:
-            command += ['--ros-args', *(word for key, value in parameters.items()
-                                        for word in ('-p', f'{key}:={value}'))]
-        env = {**self._environment(), 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
-        if Path(FAKETIME).exists():
-            env |= {'LD_PRELOAD': FAKETIME, 'FAKETIME_TIMESTAMP_FILE': str(self._clock(name)),
-                    'FAKETIME_CACHE_DURATION': '1', 'DONT_FAKE_MONOTONIC': '1',
-                    'FAKETIME_DONT_RESET': '1'}
-        with (self.directory / f'{name}.log').open('a') as log:
-            self._processes[name] = self.hosts.start(
-                name, sys.executable, '-m', 'tetra_ros2', *command, env=env, stdout=log)
-
-    def kill(self, name: str) -> None:
-        """Kill all processes of a node."""
-        for number in self.hosts.processes(name):
-            with suppress(ProcessLookupError):
-                os.kill(number, signal.SIGKILL)
-        self._processes[name].wait()
-        self._look_at_bag(name)
-
-    def reboot(self, name: str) -> None:
-        """Take the power from the host of a node."""
-        self.hosts.reboot(name)
-        self._processes[name].wait()
-        self._look_at_bag(name)
-
-    def signal(self, name: str, number: int) -> None:
-        """Send a signal to a node."""
-        self._processes[name].send_signal(number)
-
-    def ended(self) -> list[str]:
-        """Return the nodes that have ended by themselves."""
-        return [name for name, process in self._processes.items() if process.poll() is not None]
-
-    def start_again_if_ended(self, name: str) -> None:
-        """Start a node that has given up, for a good reason."""
-        if self._processes[name].poll() is not None:
-            self._look_at_bag(name)
-            self.start(name)
-
-    @contextmanager
-    def clock_set(self, name: str, jump: float) -> Iterator[None]:
-        """Let the system clock of a host be off by so much [s]."""
-        self._clock(name).write_text(f'{jump:+g}s\n')
-        try:
-            yield
-        finally:
-            self._clock(name).write_text('+0s\n')
-
-    @contextmanager
-    def disk_full(self) -> Iterator[None]:
-        """Let the recorder's disk be full."""
-        filler = self._disk / 'filler'
-        with filler.open('wb') as file, suppress(OSError):
-            while True:
-                file.write(bytes(1 << 16))
-                file.flush()
-        try:
-            yield
-        finally:
-            filler.unlink()
-
-    def _look_at_bag(self, name: str) -> None:
-        """Read the recording of a recorder that has ended, repaired if need be, and remove it."""
-        if name != 'recorder' or self.bag is None:
-            return
-        bag, self.bag = self.bag, None
-        if not bag.is_dir():
-            return  # it had not begun
-        code = ('import sys\nfrom tetra_ros2.recording import reader\n'
-                'print(len(reader.load(sys.argv[1]).stamps))')
-        done = _python('-c', code, bag)
-        if done.returncode:
-            whole = bag.with_name(f'{bag.name}_whole')
-            recovered = _python('-m', 'tetra_ros2', 'recover', bag, '--output', whole)
-            done = _python('-c', code, whole)
-            if done.returncode and recovered.returncode != 2:
-                self.unreadable = (recovered.stderr + done.stderr).strip().splitlines()[-1:]
-            shutil.rmtree(whole, ignore_errors=True)
-        shutil.rmtree(bag, ignore_errors=True)
+def predicted(rig: Rig, gamma: list[tuple[float, ...]]) -> float | None:
+    """Return how long the sampled loop takes from these directions to the tolerance [s]."""
+    from tetra_ros2.formation import Formation
+    gain = type(rig.formation.gain)(GAIN)
+    formation = Formation(rig.formation.topology, gain, rig.formation.pointing_axes)
+    run = formation.simulate(gamma, duration=15.0, rate=RATE)
+    return run.time_to_form(TOLERANCE)
 
 
-def _python(*arguments: object) -> 'subprocess.CompletedProcess[str]':
-    return subprocess.run([sys.executable, *map(str, arguments)], capture_output=True, text=True,
-                          check=False)
-
-
-def one(rig: Rig, kind: str, seed: int) -> Outcome:
+def one(rig: Rig, k: int, kind: str, seed: int) -> Outcome:
     """Do a fault, wait until the formation has formed again, and judge."""
     from benchmarks.faults import FAULTS
     watcher = rig.watcher
     chance = random.Random(seed)
     watcher.begin()
-    rig.unreadable = []
-    begun = time.monotonic()
     # Half of the faults come while the formation forms.
     if chance.random() < 0.5:
         watcher.restart(at_random=True)
         time.sleep(chance.uniform(0.0, 0.5))
-    what = FAULTS[kind][1](rig, chance)
+    watcher.begin_to_listen()
+    done = FAULTS[kind][1](rig, chance)
     over = time.monotonic()
-    standing = not watcher.fresh
-    watcher.wait(lambda: watcher.fresh, PATIENCE)
-    watcher.wait(lambda: False, 0.2)  # what the fault did may show a moment later
-    formed = watcher.wait(
-        lambda: watcher.fresh and watcher.error < TOLERANCE, PATIENCE, hold=HOLD)
-    took = max(0.0, time.monotonic() - over - HOLD)
-    lasted = over - begun > 2.0 and kind in ('kill', 'stop', 'reboot', 'partition', 'disk full')
-    disturbed = lasted or standing
-    if disturbed and not watcher.reports:
-        watcher.wait(lambda: bool(watcher.reports), REPORT_TIME)
-    reported = watcher.reports[0][0] - begun if watcher.reports else None
+    watcher.begin_way_back()
+    formed = watcher.wait(lambda: watcher.alive and watcher.error < TOLERANCE, PATIENCE, hold=HOLD)
+    at = time.monotonic() - HOLD
+    outcome = Outcome(k, kind, done.what, f'{rig.mode} {rig.graph}', seed, True, '',
+                      watcher.worst, max(0.0, at - over), owed=bool(done.owed))
     why = []
     if not formed:
         why.append(f'not formed again: error {watcher.error:.3g} rad'
-                   + ('' if watcher.fresh else ', formation time stands still'))
+                   + ('' if watcher.fresh else ', formation time stands still')
+                   + ('' if watcher.alive else ', not all speak'))
+    elif watcher.way_back[0] and watcher.largest > 2.0 * TOLERANCE:
+        outcome.decay = max(0.0, at - watcher.way_back[0])
+        outcome.theory = predicted(rig, watcher.way_back[1])
+    if not watcher.wait(lambda: all(watcher.heard_from.get(n, 0.0) > over for n in done.targets)
+                        and not rig.silent(), PATIENCE):
+        why.append(f'says nothing any more: {", ".join(rig.silent() or done.targets)}')
+    for words in done.owed:
+        watcher.wait(lambda words=words: watcher.reported_at(*words) is not None,
+                     done.begun + REPORT_TIME - time.monotonic())
+        reported = watcher.reported_at(*words)
+        if reported is None or reported - done.begun > REPORT_TIME:
+            when = '' if reported is None else f' for {reported - done.begun:.2f} s'
+            why.append(f'not reported{when}: {words[0]}')
+        if reported is not None:
+            outcome.reported = max(outcome.reported or 0.0, reported - done.begun)
+    if not done.owed and (reported := watcher.reported_at(*done.welcome)) is not None:
+        outcome.reported = max(0.0, reported - done.begun)
     if watcher.not_finite:
         why.append(f'not finite: {", ".join(sorted(set(watcher.not_finite)))}')
-    if rig.unreadable:
-        why.append(f'recording: {rig.unreadable[0]}')
+    if rig.bag_is_large() and rig.end_recorder():
+        why.append('the recorder did not end with 0')
+    why += [f'recording: {problem}' for problem in rig.unreadable_bags()]
     if ended := rig.ended():
         why.append(f'ended: {", ".join(ended)}')
         for name in ended:
             rig.start(name)
-    if disturbed and reported is None:
-        why.append('not reported')
-    error = watcher.worst
-    expected = math.log(max(error, TOLERANCE) / TOLERANCE) / SLOWEST[rig.graph]
-    return Outcome(kind, what, f'{rig.mode} {rig.graph}', seed, not why, '; '.join(why), error,
-                   took, expected, reported)
+    outcome.survived, outcome.why = not why, '; '.join(why)
+    return outcome
 
 
-def run(mode: str, graph: str, count: int, seed: int, out: Path, verbose: bool,
-        only: list[str]) -> None:
-    """Do so many faults on a formation, and write a line of JSON for each."""
+def say(outcome: Outcome) -> None:
+    """Print a line about a fault."""
+    reported = 'none' if outcome.reported is None else f'{outcome.reported:.2f} s'
+    print(f'{outcome.formation} {outcome.k} (seed {outcome.seed}): {outcome.kind}: '
+          f'{outcome.what}: {outcome.why or "survived"}; error {outcome.error:.2g} rad, '
+          f'{outcome.time:.2f} s, reported: {reported}', flush=True)
+
+
+def run(mode: str, graph: str, first: int, count: int, seed: int, out: Path, verbose: bool,
+        only: list[str]) -> int:
+    """
+    Do faults on a formation, and write a line of JSON for each.
+
+    :param first: the number of the first fault, from 1
+    :returns: 0, or 1 if it ended before the last fault, as the formation was in no state for more
+    """
     from benchmarks.faults import FAULTS
     directory = Path(tempfile.mkdtemp(prefix='tetra_chaos_'))
-    chance = random.Random(f'{seed} {mode} {graph}')
-    kinds = [kind for kind in FAULTS if not only or kind in only]
+    kinds = [kind for kind in FAULTS if (not only or kind in only)
+             and (kind != 'clock' or FAKETIME.exists())]
     weights = [FAULTS[kind][0] for kind in kinds]
+    good = True
     with Rig(mode, graph, seed, directory) as rig, out.open('a') as file:
-        if not rig.watcher.wait(lambda: rig.watcher.fresh and rig.watcher.error < TOLERANCE,
-                                60.0, hold=1.0):
-            raise RuntimeError(f'{mode} {graph} did not form at the start; see {directory}')
-        for k in range(count):
-            kind = chance.choices(kinds, weights)[0]
-            outcome = one(rig, kind, chance.randrange(2**32))
+        def write(outcome: Outcome) -> None:
+            nonlocal good
+            good &= outcome.survived
             file.write(json.dumps(asdict(outcome)) + '\n')
             file.flush()
             if verbose or not outcome.survived:
-                print(f'{mode} {graph} {k + 1}: {kind}: {outcome.what}: '
-                      f'{outcome.why or "survived"}; error {outcome.error:.2g} rad, '
-                      f'{outcome.time:.2f} s, reported {outcome.reported}', flush=True)
-    shutil.rmtree(directory, ignore_errors=True)
+                say(outcome)
+
+        watcher = rig.watcher
+        if not watcher.wait(lambda: watcher.alive and watcher.error < TOLERANCE
+                            and not rig.silent(), 2.0 * PATIENCE, hold=1.0):
+            print(f'{mode} {graph} did not form at the start; see {directory}', flush=True)
+            return 1
+        for k in range(first, first + count):
+            chance = random.Random(f'{seed} {mode} {graph} {k}')
+            kind, own_seed = chance.choices(kinds, weights)[0], chance.randrange(2**32)
+            try:
+                outcome = one(rig, k, kind, own_seed)
+            except Exception as error:
+                traceback.print_exc()
+                write(Outcome(k, kind, '', f'{mode} {graph}', own_seed, False,
+                              f'{type(error).__name__}: {error}', 0.0, 0.0))
+                return 1
+            write(outcome)
+            if 'not formed' in outcome.why or 'says nothing' in outcome.why:
+                print(f'{mode} {graph} is started anew; see {directory}', flush=True)
+                return 1
+        rig.end_recorder()
+        if problems := rig.unreadable_bags():
+            print(f'{mode} {graph}: the last recording: {problems[0]}', flush=True)
+            return 1
+    if good:
+        shutil.rmtree(directory, ignore_errors=True)
+    return 0
+
+
+def median(values: list[float]) -> str:
+    """Return a median with two digits, or a dash if there is nothing."""
+    return f'{statistics.median(values):.2f}' if values else '-'
+
+
+def worst(values: list[float]) -> str:
+    """Return the largest value with two digits, or a dash if there is nothing."""
+    return f'{max(values):.2f}' if values else '-'
+
+
+def group(outcome: Outcome) -> str:
+    """Return the kind of a fault, and of whom it was."""
+    if outcome.kind in ('kill', 'stop', 'reboot', 'partition', 'clock'):
+        for who in ('plant', 'agent'):
+            if who in outcome.what:
+                return f'{outcome.kind}: {who}'
+        return f'{outcome.kind}: monitor, recorder, viewer'
+    return outcome.kind
 
 
 def table(outcomes: list[Outcome]) -> str:
     """Return the table of what came of the faults, in Markdown."""
-    rows = ['| fault | done | survived | error, worst [rad] | forms again, median [s] | worst [s] '
-            '| theory, median [s] | reported, worst [s] |',
-            '| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |']
+    rows = ['| fault | done | survived | largest error [rad] | forms again after: median [s] '
+            '| worst [s] | of this decay: median [s] | theory [s] | decay / theory: median '
+            '| had to be reported | was, at the latest after [s] |',
+            '| --- |' + ' ---: |' * 10]
     kinds = defaultdict(list)
     for outcome in outcomes:
-        kinds[outcome.kind].append(outcome)
-    for kind, group in [*sorted(kinds.items()), ('all', outcomes)]:
-        times = [o.time for o in group]
-        reported = [o.reported for o in group if o.reported is not None]
+        kinds[group(outcome)].append(outcome)
+    for kind, some in [*sorted(kinds.items()), ('all', outcomes)]:
+        times = [o.time for o in some]
+        fell = [(o.decay, o.theory) for o in some if o.decay is not None and o.theory]
+        fell = fell if len(fell) >= FEW else []  # the median of one or two is none
         rows.append(
-            f'| {kind} | {len(group)} | {sum(o.survived for o in group)} '
-            f'| {max(o.error for o in group):.2f} | {statistics.median(times):.2f} '
-            f'| {max(times):.2f} | {statistics.median(o.expected for o in group):.2f} '
-            f'| {max(reported, default=math.nan):.1f} |')
+            f'| {kind} | {len(some)} | {sum(o.survived for o in some)} '
+            f'| {max(o.error for o in some):.2f} | {median(times)} | {worst(times)} '
+            f'| {median([d for d, _ in fell])} | {median([t for _, t in fell])} '
+            f'| {median([d / t for d, t in fell])} | {sum(o.owed for o in some)} '
+            f'| {worst([o.reported for o in some if o.owed and o.reported is not None])} |')
     return '\n'.join(rows)
 
 
+class Share:
+    """The faults of one formation, done by a process, and by another if that one gives up."""
+
+    def __init__(self, mode: str, graph: str, arguments: Any) -> None:
+        self.name = f'{mode} {graph}'
+        self.formation = mode, graph
+        self._arguments = arguments
+        self._count = -(-arguments.faults // len(FORMATIONS))
+        self._starts = 0
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def _done(self) -> int:
+        out = self._arguments.out
+        lines = out.read_text().splitlines() if out.exists() else []
+        return max((fault['k'] for fault in map(json.loads, lines)
+                    if fault['formation'] == self.name), default=0)
+
+    def goes_on(self) -> bool:
+        """Start a process for what is left to do; return whether there is anything."""
+        done = self._done()
+        if done >= self._count or self._starts >= STARTS:
+            return False
+        arguments = self._arguments
+        self.process = subprocess.Popen([
+            sys.executable, '-m', 'benchmarks.chaos', '--formation', *self.formation,
+            '--first', str(done + 1), '--faults', str(self._count - done),
+            '--seed', str(arguments.seed), '--out', arguments.out,
+            *(['--verbose'] if arguments.verbose else []),
+            *(word for kind in arguments.only for word in ('--only', kind))])
+        self._begun_at = done
+        return True
+
+    def has_ended(self) -> bool:
+        """Return whether the process has; there may be more to do."""
+        if self.process is None or self.process.poll() is None:
+            return False
+        self.process = None
+        self._starts = 0 if self._done() > self._begun_at else self._starts + 1
+        return True
+
+    @property
+    def whole(self) -> bool:
+        """Return whether all faults were done."""
+        return self._done() >= self._count
+
+
+def _end_at_the_first_signal() -> None:
+    """Have SIGINT and SIGTERM remove the hosts, and let nothing disturb that."""
+    def end(_number: int, _frame: object) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+
+
 def main() -> int:
-    """Do faults on the four formations, two at a time; return 0 if all were survived."""
-    parser = argparse.ArgumentParser(prog='python -m benchmarks.chaos', description=__doc__)
+    """Do faults on the four formations, some at a time; return 0 if all were survived."""
+    parser = argparse.ArgumentParser(
+        prog='python -m benchmarks.chaos', description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--faults', type=int, default=1000, metavar='N',
                         help='how many in all (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=1, metavar='N', help='(default: %(default)s)')
     parser.add_argument('--formation', nargs=2, metavar=('MODE', 'GRAPH'),
                         help='only this formation, in this process')
+    parser.add_argument('--first', type=int, default=1, metavar='K',
+                        help='with --formation: the number of the first fault')
     parser.add_argument('--jobs', type=int, default=2, metavar='N',
                         help='how many formations at a time (default: %(default)s)')
     parser.add_argument('--out', type=Path, default=Path('chaos.jsonl'), metavar='FILE',
                         help='where the outcomes are kept (default: %(default)s)')
+    parser.add_argument('--continue', dest='go_on', action='store_true',
+                        help='go on where the run that wrote FILE was stopped')
     parser.add_argument('--only', action='append', default=[], metavar='KIND',
                         help='only faults of this kind')
     parser.add_argument('--verbose', action='store_true', help='print every fault')
@@ -368,36 +348,45 @@ def main() -> int:
     if reason := unavailable():
         print(f'no chaos here: {reason}', file=sys.stderr)
         return 2
+    _end_at_the_first_signal()
     if arguments.formation:
-        run(*arguments.formation, arguments.faults, arguments.seed, arguments.out,
-            arguments.verbose, arguments.only)
-        return 0
+        return run(*arguments.formation, arguments.first, arguments.faults, arguments.seed,
+                   arguments.out, arguments.verbose, arguments.only)
     print(f'seed {arguments.seed}, {arguments.faults} faults', flush=True)
-    arguments.out.unlink(missing_ok=True)
-    waiting = list(FORMATIONS)
-    share = -(-arguments.faults // len(waiting))
-    running: list[subprocess.Popen[bytes]] = []
-    failed = False
-    while waiting or running:
-        while waiting and len(running) < arguments.jobs:
-            mode, graph = waiting.pop(0)
-            running.append(subprocess.Popen([
-                sys.executable, '-m', 'benchmarks.chaos', '--formation', mode, graph,
-                '--faults', str(share), '--seed', str(arguments.seed), '--out', arguments.out,
-                *(['--verbose'] if arguments.verbose else []),
-                *(word for kind in arguments.only for word in ('--only', kind))]))
-        ended = [process for process in running if process.poll() is not None]
-        failed |= any(process.returncode for process in ended)
-        running = [process for process in running if process not in ended]
-        time.sleep(0.2)
+    if not FAKETIME.exists():
+        print(f'no clock is set, as there is no {FAKETIME} (Debian package libfaketime)')
+    if not arguments.go_on:
+        arguments.out.unlink(missing_ok=True)
+    shares = [Share(mode, graph, arguments) for mode, graph in FORMATIONS]
+    waiting, running = list(shares), []
+    try:
+        while waiting or running:
+            while waiting and len(running) < arguments.jobs:
+                share = waiting.pop(0)
+                if share.goes_on():
+                    running.append(share)
+            for share in [share for share in running if share.has_ended()]:
+                running.remove(share)
+                waiting.insert(0, share)
+            time.sleep(0.2)
+    finally:
+        for share in running:
+            if share.process is not None:
+                share.process.terminate()
+                share.process.wait()
     outcomes = [Outcome(**json.loads(line)) for line in arguments.out.read_text().splitlines()]
     if not outcomes:
         return 1
     print(table(outcomes))
     lost = [outcome for outcome in outcomes if not outcome.survived]
-    print(f'{len(outcomes) - len(lost)} of {len(outcomes)} faults survived')
-    return 1 if lost or failed else 0
+    print(f'seed {arguments.seed}: {len(outcomes) - len(lost)} of {len(outcomes)} faults survived')
+    for outcome in lost:
+        say(outcome)
+    return 0 if not lost and all(share.whole for share in shares) else 1
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -15,6 +15,7 @@
 """The faults of ``make chaos``: what is done to a formation, and how it is undone."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 import math
 import random
 import signal
@@ -22,13 +23,37 @@ import struct
 import time
 from typing import Any
 
-from benchmarks.watcher import TYPES
+from benchmarks.watcher import SILENT, TYPES
 from tetra_ros2.wire import cdr, names
 
 JUMPS = (-3600.0, -60.0, -3.0, 3.0, 60.0, 3600.0)
 LAST_SECOND = 2**31 - 1
 
-Fault = Callable[[Any, random.Random], str]
+LONG = 2.0
+"""Who is away for so long [s] has to be missed; of less nothing need be seen."""
+
+
+@dataclass
+class Done:
+    """
+    What was done to a formation.
+
+    :param what: in words
+    :param begun: when, on the monotonic clock
+    :param owed: what has to be reported; for each such thing regular expressions, one of which
+        finds its report
+    :param welcome: the same of reports that may come, though none is owed
+    :param targets: the nodes that were hit
+    """
+
+    what: str
+    begun: float
+    owed: list[tuple[str, ...]] = field(default_factory=list)
+    welcome: tuple[str, ...] = ()
+    targets: tuple[str, ...] = ()
+
+
+Fault = Callable[[Any, random.Random], Done]
 """Takes the rig and a source of chance; does the fault, undoes it, and says what it was."""
 
 
@@ -36,80 +61,120 @@ def _outage(chance: random.Random) -> float:
     return chance.choice((0.0, chance.uniform(0.1, 0.5), chance.uniform(0.5, 3.0)))
 
 
-def kill(rig: Any, chance: random.Random) -> str:
+def _absence(rig: Any, begun: float, *targets: str, what: str = '') -> Done:
+    """Return a fault that took nodes away from the others until now."""
+    outage = time.monotonic() - begun
+    owed: list[tuple[str, ...]] = []
+    agents = [name for name in targets if name.startswith('agent') and 'plant' not in targets]
+    missed = [rf'plant: (?!still ).*\b{name}\b' for name in agents]
+    if rig.mode == 'lockstep' and missed:  # the plant asks nothing of who has answered this step
+        owed.append(tuple(missed))
+    else:
+        owed += [(words,) for words in missed]
+    if 'plant' in targets:
+        owed.append(('nothing heard of', 'waiting for measurements', 'monitor: .*no attitudes'))
+    # The rest nobody needs, or who does is away too.
+    owed += [(f'{name}: {SILENT}',) for name in targets if name not in ('plant', *agents)]
+    everything = tuple(word for words in owed for word in words)
+    return Done(what or f'{" and ".join(targets)}, for {outage:.2f} s', begun,
+                owed if outage >= LONG else [], everything, targets)
+
+
+def kill(rig: Any, chance: random.Random) -> Done:
     """Kill -9 a node, and start it again some time later."""
-    name = chance.choice(rig.nodes)
-    outage = _outage(chance)
+    name, outage = chance.choice(rig.nodes), _outage(chance)
+    begun = time.monotonic()
     rig.kill(name)
     time.sleep(outage)
+    done = _absence(rig, begun, name)
     rig.start(name)
-    return f'{name}, for {outage:.2f} s'
+    return done
 
 
-def stop(rig: Any, chance: random.Random) -> str:
+def stop(rig: Any, chance: random.Random) -> Done:
     """Stop a node (SIGSTOP), and let it go on."""
-    name = chance.choice(rig.nodes)
-    outage = chance.uniform(0.1, 3.0)
+    name, outage = chance.choice(rig.nodes), chance.uniform(0.1, 3.0)
+    begun = time.monotonic()
     rig.signal(name, signal.SIGSTOP)
     time.sleep(outage)
+    done = _absence(rig, begun, name)
     rig.signal(name, signal.SIGCONT)
-    return f'{name}, for {outage:.2f} s'
+    return done
 
 
-def reboot(rig: Any, chance: random.Random) -> str:
+def reboot(rig: Any, chance: random.Random) -> Done:
     """Take the power from a host, and start its node again."""
-    name = chance.choice(rig.nodes)
-    outage = _outage(chance)
+    name, outage = chance.choice(rig.nodes), _outage(chance)
+    begun = time.monotonic()
     rig.reboot(name)
     time.sleep(outage)
+    done = _absence(rig, begun, name)
     rig.start(name)
-    return f'{name}, for {outage:.2f} s'
+    return done
 
 
-def partition(rig: Any, chance: random.Random) -> str:
+def partition(rig: Any, chance: random.Random) -> Done:
     """Cut one or two hosts off from the rest, and heal the network."""
     cut = chance.sample(rig.nodes, chance.choice((1, 2)))
     outage = chance.uniform(0.1, 4.0)
+    begun = time.monotonic()
     rig.hosts.cut(*cut)
     time.sleep(outage)
+    done = _absence(rig, begun, *cut)
     rig.hosts.cut()
-    return f'{" and ".join(cut)}, for {outage:.2f} s'
+    return done
 
 
-def loss(rig: Any, chance: random.Random) -> str:
+def loss(rig: Any, chance: random.Random) -> Done:
     """Lose a share of all frames for some seconds."""
     share, duration = chance.choice((0.1, 0.3, 0.5)), chance.uniform(1.0, 3.0)
+    begun = time.monotonic()
     rig.hosts.network(loss=share)
     time.sleep(duration)
     rig.hosts.network()
-    return f'{share:.0%} for {duration:.2f} s'
+    return Done(f'{share:.0%} for {duration:.2f} s', begun)
 
 
-def delay(rig: Any, chance: random.Random) -> str:
+def delay(rig: Any, chance: random.Random) -> Done:
     """Hold all frames back, each by its own time."""
     length, jitter = chance.uniform(0.001, 0.02), chance.uniform(0.0, 0.02)
     duration = chance.uniform(1.0, 3.0)
+    begun = time.monotonic()
     rig.hosts.network(delay=length, jitter=jitter)
     time.sleep(duration)
     rig.hosts.network()
-    return f'{1e3 * length:.0f} to {1e3 * (length + jitter):.0f} ms for {duration:.2f} s'
+    return Done(f'{1e3 * length:.0f} to {1e3 * (length + jitter):.0f} ms for {duration:.2f} s',
+                begun)
 
 
-def clock(rig: Any, chance: random.Random) -> str:
+def clock(rig: Any, chance: random.Random) -> Done:
     """Set the system clock of a host, and set it right again."""
     name, jump = chance.choice(rig.nodes), chance.choice(JUMPS)
     duration = chance.uniform(1.5, 3.0)
+    begun = time.monotonic()
     with rig.clock_set(name, jump):
+        if name == 'plant' and rig.mode == 'realtime':
+            # The library that stands for the clock looks once a second how it is to be set.
+            rig.watcher.wait(
+                lambda: abs(rig.watcher.stamp / 1e9 - time.time()) > 0.5 * abs(jump), 2.0)
+            begun = time.monotonic()
         time.sleep(duration)
-    return f'of {name} by {jump:+g} s for {duration:.2f} s'
+    words = ('plant: the clock was set',)
+    # In lockstep the plant goes by no clock of the system's.
+    owed = [words] if name == 'plant' and rig.mode == 'realtime' else []
+    return Done(f'of {name} by {jump:+g} s for {duration:.2f} s', begun, owed, words)
 
 
-def disk_full(rig: Any, chance: random.Random) -> str:
-    """Fill the disk that the recorder writes to, and free it again."""
+def disk_full(rig: Any, chance: random.Random) -> Done:
+    """Fill the disk that the recorder writes to, free it again, and start another recording."""
+    duration = chance.uniform(2.5, 4.0)
     with rig.disk_full():
-        time.sleep(chance.uniform(2.5, 4.0))
-    rig.start_again_if_ended('recorder')
-    return "the recorder's"
+        begun = time.monotonic()
+        time.sleep(duration)
+    if rig.end_recorder() not in (0, 1):
+        raise RuntimeError('the recorder ended with neither 0 nor 1')
+    words = ('recorder: not recording any more',)
+    return Done(f"the recorder's, for {duration:.2f} s", begun, [words], words, ('recorder',))
 
 
 def _target(rig: Any, chance: random.Random, what: str) -> tuple[str, str]:
@@ -151,7 +216,22 @@ def _unit(chance: random.Random) -> list[float]:
     return [x / length for x in vector]
 
 
-def forge(rig: Any, chance: random.Random) -> str:
+def _attack(rig: Any, what: str, topic: str, count: int, duration: float, how: str) -> Done:
+    """Return a fault that was said on a topic until now."""
+    words: tuple[str, ...] = (topic,)
+    if what == 'measurement':
+        words += (f'{topic.partition("/")[0]}: dropped',)
+    elif what == 'command':
+        words += ('plant: dropped',)
+    elif what == 'attitudes':
+        words += ('monitor: dropped',)
+    # Everybody may speak on diagnostics, and in real time nobody has a word for /clock.
+    owed = duration >= 1.5 and what != 'diagnostics' and not (
+        what == 'clock' and rig.mode == 'realtime')
+    return Done(f'{count} on {topic}, {how}', rig.watcher.spoke_at, [words] if owed else [], words)
+
+
+def forge(rig: Any, chance: random.Random) -> Done:
     """Say something well formed and false on a topic, once or again and again."""
     what = chance.choice(('measurement', 'measurement', 'command', 'command', 'attitudes', 'clock',
                           'error', 'cosines'))
@@ -168,10 +248,10 @@ def forge(rig: Any, chance: random.Random) -> str:
 
     count = rig.watcher.speak(TYPES[what], topic, message, rate, duration)
     said = 'the last second there is' if ahead is None else f'{ahead / 1e9:+g} s'
-    return f'{count} on {topic}, stamp {said}'
+    return _attack(rig, what, topic, count, duration, f'stamp {said}')
 
 
-def malform(rig: Any, chance: random.Random) -> str:
+def malform(rig: Any, chance: random.Random) -> Done:
     """Say what is no message, or holds no numbers, on a topic."""
     what = chance.choice(tuple(TYPES))
     topic, frame = _target(rig, chance, what)
@@ -193,18 +273,19 @@ def malform(rig: Any, chance: random.Random) -> str:
         'a huge length': lambda _: b'\x00\x01\x00\x00' + b'\xff' * 60,
     }
     kind = chance.choice(tuple(kinds))
-    count = rig.watcher.speak(TYPES[what], topic, kinds[kind], 20.0, 1.5)
-    return f'{count} on {topic}, {kind}'
+    duration = 1.5
+    count = rig.watcher.speak(TYPES[what], topic, kinds[kind], 20.0, duration)
+    return _attack(rig, what, topic, count, duration, kind)
 
 
-def flood(rig: Any, chance: random.Random) -> str:
+def flood(rig: Any, chance: random.Random) -> Done:
     """Say as much as goes on a topic."""
     what = chance.choice(tuple(TYPES))
     topic, frame = _target(rig, chance, what)
-    direction = _unit(chance)
+    direction, duration = _unit(chance), 1.5
     count = rig.watcher.speak(
-        TYPES[what], topic, lambda _: _message(what, frame, 1, direction), 0.0, 1.0)
-    return f'{count} on {topic}'
+        TYPES[what], topic, lambda _: _message(what, frame, 1, direction), 0.0, duration)
+    return _attack(rig, what, topic, count, duration, 'as many as go')
 
 
 FAULTS: dict[str, tuple[int, Fault]] = {

@@ -165,8 +165,9 @@ class Hosts:
 
     def _end_processes(self, name: str) -> None:
         for number in self.processes(name):
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(number, signal.SIGKILL)
+            if number != os.getpid():  # which may have entered it
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(number, signal.SIGKILL)
 
     def network(self, *, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0) -> None:
         """

@@ -20,12 +20,15 @@ itself, looks whether every number is finite, and keeps what the nodes report of
 """
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 import math
+import re
 import struct
 import threading
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
@@ -42,12 +45,40 @@ from tetra_ros2.ros.executor import make_executor, spin_some
 from tetra_ros2.wire import cdr, names
 
 THETA_STAR = math.acos(-1.0 / 3.0)
-LISTEN = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
+LISTEN = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
                     reliability=ReliabilityPolicy.BEST_EFFORT)
 SPEAK = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
                    reliability=ReliabilityPolicy.RELIABLE)
 AFTERMATH = 1.0
 """How long after an attack what is heard on its topic is not the formation's fault [s]."""
+
+FRESH = 0.25
+"""How long a topic may be silent and count as alive [s]; each has fifty messages a second."""
+
+ABSENT = 1.5
+"""After which time [s] a node that reports once a second is missed, as an aggregator does."""
+
+SILENT = 'says nothing'
+
+FAR = 0.8
+"""The way back begins where the error was last this share of its largest."""
+
+_WELL = re.compile('running|answering|recording$|forming|formed|paused|watching')
+CONFLICT = 'more than one publisher on'
+_CONFLICT = re.compile(rf'{CONFLICT} (/[^:]+): two')
+
+
+READING_PERIOD = 0.01
+"""How often to read what has come [s]."""
+
+
+class _Reader(Node):
+    """A node whose subscriptions no executor looks after: to be called costs more than to read."""
+
+    @property
+    def subscriptions(self) -> Iterator[Any]:
+        """Give none."""
+        return iter(())
 
 
 class Watcher:
@@ -62,19 +93,23 @@ class Watcher:
         self._context = Context()
         self._context.init()
         self._executor = make_executor(self._context)
-        self.node = Node('watcher', context=self._context)
+        self.node = _Reader('watcher', context=self._context)
+        self._queues: list[tuple[Callable[[], Any], Callable[[bytes], None]]] = []
         self._executor.add_node(self.node)
         self.error = math.inf
         self.stamp = 0
         self.changed_at = 0.0  # when the stamp last changed, on the monotonic clock
         self.worst = 0.0  # the largest error since it was set to zero
+        self.way_back: tuple[float, list[tuple[float, ...]]] = 0.0, []  # its begin: when and where
+        self.largest = 0.0  # the largest error since the way back was asked for
         self.not_finite: list[str] = []
-        self.levels: dict[str, int] = {}
-        self.messages: dict[str, str] = {}
-        self._counts: dict[str, int] = {}
-        self.reports: list[tuple[float, str, str]] = []  # when, who, what: warnings, and counts
-        self._saying: dict[str, str] = {}  # what each node says now, in words
-        self._said: set[str] = set()  # what any of them said before the fault
+        self.heard_from: dict[str, float] = {}  # when each node last said how it is
+        self.reports: list[tuple[float, str]] = []  # when, and who said what is wrong
+        self._conflicts: dict[str, set[str]] = defaultdict(set)  # topics, by who says so
+        self._known_conflicts: dict[str, set[str]] = {}  # before the fault
+        self._recorded_since: float | None = None
+        self.spoke_at = 0.0  # when it last began to speak
+        self._heard: dict[str, float] = {}  # when something last came on each topic
         self._attacked: dict[str, float] = defaultdict(lambda: -math.inf)
         self._n = n
         poses = cdr.pose_array(names.WORLD, n).decode
@@ -92,6 +127,8 @@ class Watcher:
         self._listen(DiagnosticArray, '/diagnostics', self._on_diagnostics)
         self._random = self.node.create_client(Trigger, 'plant/randomize')
         self._reset = self.node.create_client(Trigger, names.RESET)
+        self._needed = [names.ATTITUDES, *(names.cmd_vel(i) for i, _ in edges),
+                        *(names.relative_attitude(i, j) for i, j in edges)]
         self._stopping = False
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
@@ -107,18 +144,22 @@ class Watcher:
     def _spin(self) -> None:
         never = Future(executor=self._executor)
         while not self._stopping:
-            spin_some(self._executor, never, timeout=0.2)
+            spin_some(self._executor, never, timeout=READING_PERIOD)
+            for take, callback in self._queues:
+                while (taken := take()) is not None:
+                    # What an intruder says need not be a message.
+                    with suppress(Rejected, struct.error, Exception):
+                        callback(taken[0])
 
     def _listen(self, kind: type, topic: str, callback: Callable[[bytes], None]) -> None:
-        def guarded(message: bytes) -> None:
-            # What an intruder says need not be a message.
-            with suppress(Rejected, struct.error, Exception):
-                callback(message)
-        self.node.create_subscription(kind, topic, guarded, LISTEN, raw=True)
+        subscription = self.node.create_subscription(kind, topic, callback, LISTEN, raw=True)
+        self._queues.append((partial(subscription.handle.take_message, kind, True), callback))
 
-    def _listen_finite(self, kind: type, topic: str, decode: Callable[[bytes], tuple]) -> None:
+    def _listen_finite(self, kind: type, topic: str,
+                       decode: Callable[[bytes], tuple[Any, Any]]) -> None:
         def on_message(message: bytes) -> None:
             _, numbers = decode(message)
+            self._heard[topic] = time.monotonic()
             self._require_finite(topic, numbers)
         self._listen(kind, topic, on_message)
 
@@ -142,26 +183,81 @@ class Watcher:
             self.stamp, self.changed_at = stamp, now
         self.error = error
         self.worst = max(self.worst, error)
+        self._heard[names.ATTITUDES] = now
+        self.largest = max(self.largest, error)
+        if error >= FAR * self.largest:
+            self.way_back = now, gamma
 
     def _on_diagnostics(self, message: bytes) -> None:
         now = time.monotonic()
         for status in deserialize_message(message, DiagnosticArray).status:
             name = status.name.rpartition('/')[2]
             level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
-            self.levels[name], self.messages[name] = level, status.message
-            count = sum(int(item.value) for item in status.values
-                        if item.key in ('rejected', 'exceptions') and item.value.isdigit())
-            said = _words(status.message)
-            if (level > 0 and said not in self._said) or count > self._counts.get(name, count):
-                self.reports.append((now, name, status.message))
-            self._counts[name], self._saying[name] = count, said
+            silent_since, self.heard_from[name] = self.heard_from.get(name, now), now
+            if now - silent_since > ABSENT:
+                self.reports.append((silent_since + ABSENT, f'{name}: {SILENT}'))
+            conflicts: set[str] = set()
+            for clause in status.message.split('; '):
+                if named := _CONFLICT.match(clause):
+                    conflicts = set(named[1].split(', '))
+                    known = self._known_conflicts.get(name, set())
+                    # DDS takes a while to forget who was killed.
+                    for word, topics in ((CONFLICT, conflicts - known),
+                                         (f'still {CONFLICT}', conflicts & known)):
+                        if topics:
+                            self.reports.append((now, f'{name}: {word} {", ".join(topics)}'))
+                elif level > 0 and not _WELL.match(clause):
+                    self.reports.append((now, f'{name}: {clause}'))
+            self._conflicts[name] = conflicts
+            if name == names.RECORDER:
+                counts = {item.key: item.value for item in status.values}
+                if counts.get(f'messages on /{names.ATTITUDES}', '0') != '0' \
+                        and self._recorded_since is None:
+                    self._recorded_since = now
+
+    @property
+    def recorded_for(self) -> float:
+        """Return how long ago the recorder said that it has recorded states [s], or 0."""
+        return 0.0 if self._recorded_since is None else time.monotonic() - self._recorded_since
+
+    def forget_recording(self) -> None:
+        """Take note that the recording has ended."""
+        self._recorded_since = None
 
     def begin(self) -> None:
-        """Forget what was seen before: only what is new from now on is a report of a fault."""
+        """Forget what was seen before: only what is new from now on comes of a fault."""
         self.not_finite.clear()
-        self.reports.clear()
-        self._said = set(self._saying.values())
         self.worst = self.error
+        self.begin_to_listen()
+
+    def begin_to_listen(self) -> None:
+        """Forget what was reported before."""
+        self.reports.clear()
+        self._known_conflicts = {name: set(topics) for name, topics in self._conflicts.items()}
+
+    def begin_way_back(self) -> None:
+        """Look for the moment at which the error begins to fall for good."""
+        self.largest = 0.0
+
+    def reported_at(self, *words: str) -> float | None:
+        """
+        Return when somebody first reported something, or None.
+
+        :param words: regular expressions; one of them finds the report, which has the name of
+            the node before it
+        """
+        now = time.monotonic()
+        silent = [(at + ABSENT, f'{name}: {SILENT}')
+                  for name, at in list(self.heard_from.items()) if now - at > ABSENT]
+        return min((at for at, text in self.reports + silent
+                    if any(re.search(word, text) for word in words)), default=None)
+
+    @property
+    def alive(self) -> bool:
+        """Return whether all agents are told what they see, and all of them answer."""
+        now = time.monotonic()
+        return self.fresh and all(
+            now - self._heard.get(topic, 0.0) < FRESH for topic in self._needed)
 
     def restart(self, at_random: bool = False) -> bool:
         """Let the plant start anew; return whether it was there to be asked."""
@@ -174,7 +270,7 @@ class Watcher:
     @property
     def fresh(self) -> bool:
         """Return whether formation time passes."""
-        return time.monotonic() - self.changed_at < 0.5
+        return time.monotonic() - self.changed_at < FRESH
 
     def wait(self, condition: Callable[[], bool], timeout: float, hold: float = 0.0) -> bool:
         """
@@ -208,25 +304,20 @@ class Watcher:
         :returns: how many there were
         """
         publisher = self.node.create_publisher(kind, topic, SPEAK)
-        begun = time.monotonic()
         k = 0
         try:
             self.wait(lambda: publisher.get_subscription_count() > 1, 2.0)
-            begun = time.monotonic()
+            begun = self.spoke_at = time.monotonic()
             while (now := time.monotonic()) - begun < duration:
                 self._attacked[topic.lstrip('/') if topic != names.CLOCK else topic] = now
-                publisher.publish(messages(k))
+                with suppress(RuntimeError):  # the middleware knows how large a message can be
+                    publisher.publish(messages(k))
                 k += 1
                 if rate:
                     time.sleep(max(0.0, begun + k / rate - time.monotonic()))
         finally:
             self.node.destroy_publisher(publisher)
         return k
-
-
-def _words(text: str) -> str:
-    """Return a message without its numbers, which change from one report to the next."""
-    return ''.join(c for c in text if not c.isdigit())
 
 
 TYPES = {'measurement': Vector3Stamped, 'command': TwistStamped, 'attitudes': PoseArray,

@@ -1,0 +1,67 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What `make chaos` makes of what it saw; the faults themselves are too slow for here."""
+
+from dataclasses import asdict
+import json
+from pathlib import Path
+import subprocess
+import sys
+
+from benchmarks.chaos import group, Outcome, Share, table
+from benchmarks.hosts import unavailable
+import pytest
+
+
+def outcome(k=1, kind='kill', what='agent_2, for 1.00 s', formation='realtime complete', **more):
+    return Outcome(k, kind, what, formation, 7, True, '', 1.5, 2.0, **more)
+
+
+def test_kinds_are_told_apart_by_whom_they_hit():
+    assert group(outcome()) == 'kill: agent'
+    assert group(outcome(kind='partition', what='agent_1 and plant, for 2.00 s')) \
+        == 'partition: plant'
+    assert group(outcome(kind='clock', what='of viewer by +3 s for 2.00 s')) \
+        == 'clock: monitor, recorder, viewer'
+    assert group(outcome(kind='forged', what='20 on agent_1/cmd_vel, stamp +0 s')) == 'forged'
+
+
+def test_the_table_has_a_row_for_each_kind_and_one_for_all():
+    fell = [outcome(decay=1.2, theory=1.0, owed=True, reported=1.4)] * 3
+    rows = table([*fell, outcome(), outcome(kind='loss', what='10% for 1.00 s', decay=1.0,
+                                            theory=1.0)]).splitlines()
+    assert len({row.count('|') for row in rows}) == 1
+    assert [row.split(' | ')[0] for row in rows[2:]] == ['| kill: agent', '| loss', '| all']
+    assert '| 1.20 | 1.00 | 1.20 | 3 | 1.40 |' in rows[2]
+    assert '| - | - | - | 0 | - |' in rows[3]
+
+
+def test_a_run_that_was_stopped_goes_on_with_the_next_fault(tmp_path):
+    out = tmp_path / 'chaos.jsonl'
+
+    class Arguments:
+        faults, seed, verbose, only = 12, 1, False, []
+
+    Arguments.out = out
+    share = Share('realtime', 'complete', Arguments)
+    assert share._done() == 0
+    out.write_text(''.join(json.dumps(asdict(o)) + '\n' for o in (
+        outcome(1), outcome(2), outcome(9, formation='lockstep complete'))))
+    assert share._done() == 2
+    assert not share.whole
+    with out.open('a') as file:
+        file.write(json.dumps(asdict(outcome(3))) + '\n')
+    assert share.whole
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.skipif(unavailable() is not None, reason=str(unavailable()))
+def test_some_faults_are_survived(tmp_path):
+    done = subprocess.run(
+        [sys.executable, '-m', 'benchmarks.chaos', '--faults', '12', '--seed', '5', '--verbose',
+         '--out', tmp_path / 'chaos.jsonl'], capture_output=True, text=True, check=False,
+        cwd=Path(__file__).parents[2])
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert 'seed 5: 12 of 12 faults survived' in done.stdout
