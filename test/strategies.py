@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the mathematics is tested on: points, attitudes, gains and graphs that hypothesis draws."""
+"""
+What hypothesis draws: points, attitudes, gains and graphs for the mathematics, bytes for nodes.
+"""
+
+import math
+import struct
 
 from hypothesis import strategies as st
 import numpy as np
@@ -94,3 +99,27 @@ def any_weights(draw, n):
 def any_topology(n):
     """Return custom topologies of ``n`` agents."""
     return any_weights(n).map(lambda weights: Topology('custom', weights))
+
+
+STRANGE = (0.0, -0.0, 1.0, 1e-320, 1e300, -1e308, math.inf, -math.inf, math.nan)
+
+
+@st.composite
+def broken(draw, good):
+    """Return bytes that were a good message once: cut, lengthened, or with other bytes in it."""
+    message = bytearray(good)
+    for _ in range(draw(st.integers(0, 3))):
+        at = draw(st.integers(0, max(len(message) - 1, 0)))
+        what = draw(st.binary(min_size=1, max_size=8))
+        message[at:at + len(what)] = what
+    numbers = max((len(message) - 4) // 8, 0)
+    for at in draw(st.sets(st.integers(0, max(numbers - 1, 0)), max_size=min(numbers, 3))):
+        if draw(st.booleans()):
+            message[4 + 8 * at:12 + 8 * at] = struct.pack('<d', draw(st.sampled_from(STRANGE)))
+    length = draw(st.one_of(st.just(len(message)), st.integers(0, len(message))))
+    return bytes(message[:length]) + draw(st.one_of(st.just(b''), st.binary(max_size=40)))
+
+
+def any_bytes(good):
+    """Return bytes of every kind: random ones, and good messages that were tampered with."""
+    return st.one_of(st.binary(max_size=300), broken(good))

@@ -15,7 +15,6 @@
 """Whatever comes over DDS, on any topic, service or parameter: nodes live on and do their work."""
 
 import math
-import struct
 
 from geometry_msgs.msg import PoseArray, TwistStamped, Vector3Stamped
 from harness import nanoseconds
@@ -38,6 +37,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
+from strategies import any_bytes, STRANGE
 from tetra_ros2.config.parameters import check_parameters, PARAMETERS
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor
@@ -47,27 +47,6 @@ from tetra_ros2.wire import cdr
 
 PERIOD = 10_000_000
 REST = [0.0, 0.0, 0.0, 1.0]
-STRANGE = (0.0, -0.0, 1.0, 1e-320, 1e300, -1e308, math.inf, -math.inf, math.nan)
-
-
-@st.composite
-def broken(draw, good):
-    """Return bytes that were a good message once: cut, lengthened, or with other bytes in it."""
-    message = bytearray(good)
-    for _ in range(draw(st.integers(0, 3))):
-        at = draw(st.integers(0, len(message) - 1))
-        what = draw(st.binary(min_size=1, max_size=8))
-        message[at:at + len(what)] = what
-    for at in draw(st.sets(st.integers(0, (len(message) - 4) // 8 - 1), max_size=3)):
-        if draw(st.booleans()):
-            message[4 + 8 * at:12 + 8 * at] = struct.pack('<d', draw(st.sampled_from(STRANGE)))
-    length = draw(st.one_of(st.just(len(message)), st.integers(0, len(message))))
-    return bytes(message[:length]) + draw(st.one_of(st.just(b''), st.binary(max_size=40)))
-
-
-def any_bytes(good):
-    """Return bytes of every kind: random ones, and good messages that were tampered with."""
-    return st.one_of(st.binary(max_size=300), broken(good))
 
 
 def stamps(now):
