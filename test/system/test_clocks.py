@@ -1,0 +1,100 @@
+# Copyright 2026 The tetra_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""System clocks that are set while a formation runs in real time."""
+
+from itertools import pairwise
+from pathlib import Path
+import time
+from types import SimpleNamespace
+
+from geometry_msgs.msg import PoseArray
+from harness import nanoseconds
+import pytest
+from rclpy.duration import Duration
+from rclpy.task import Future
+from tetra_ros2.launcher import Launcher
+from tetra_ros2.ros.executor import spin_some
+
+TOLERANCE = 5e-3
+MEASUREMENT_TIMEOUT = 0.5
+FAKETIME = Path('/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1')
+
+
+def set_clock(node, jump):
+    """Let the clock of a node be off by so much [s]."""
+    clock = node.get_clock()
+    node.get_clock = lambda: SimpleNamespace(now=lambda: clock.now() + Duration(seconds=jump))
+
+
+def spin_until(formation, condition, timeout):
+    """Spin until a condition holds; the formation's own way to wait goes by its stamps."""
+    never, deadline = Future(executor=formation.executor), time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline
+        spin_some(formation.executor, never, timeout=0.01)
+
+
+@pytest.fixture(scope='module')
+def formation():
+    with Launcher('rotating', mode='realtime', seed=3, parameters={
+            'gain.a': 4.0, 'agent:measurement_timeout': MEASUREMENT_TIMEOUT}) as running:
+        yield running
+
+
+@pytest.mark.parametrize('jump', [-3600.0, -60.0, -30.0, 30.0, 3600.0])
+@pytest.mark.parametrize('hosts', ['plant', 'agent_2', 'all'])
+def test_a_clock_that_is_set_costs_less_than_the_timeout_and_a_second(formation, hosts, jump):
+    """The agents answer, the bodies move and the formation is one again, on whatever host."""
+    spin_until(formation, lambda: formation.error < TOLERANCE, 30.0)
+    agents = list(formation.agents.values())
+    nodes = [node for node in formation.nodes if hosts in (node.get_name(), 'all')]
+    assert nodes
+    for node in nodes:
+        set_clock(node, jump)
+    counts = [agent.answers for agent in agents]
+    answered_at = [time.monotonic()] * len(agents)
+    longest = 0.0
+
+    def note():
+        nonlocal longest
+        now = time.monotonic()
+        for k, agent in enumerate(agents):
+            if agent.answers > counts[k]:
+                longest = max(longest, now - answered_at[k])
+                counts[k], answered_at[k] = agent.answers, now
+
+    begun = time.monotonic()
+    spin_until(formation, lambda: note() or time.monotonic() - begun > 1.0, 5.0)
+    assert max(longest, time.monotonic() - min(answered_at)) < MEASUREMENT_TIMEOUT + 1.0
+    spin_until(formation, lambda: formation.error < TOLERANCE, MEASUREMENT_TIMEOUT + 1.0)
+    for node in nodes:
+        del node.get_clock
+
+
+@pytest.mark.skipif(not FAKETIME.exists(), reason='there is no libfaketime')
+def test_the_plant_goes_on_stepping_when_the_clock_of_its_host_is_set(
+        processes, probe, monkeypatch, tmp_path):
+    offset = tmp_path / 'offset'
+    offset.write_text('+0s\n')
+    for name, value in {
+            'LD_PRELOAD': FAKETIME, 'FAKETIME_TIMESTAMP_FILE': offset, 'FAKETIME_DONT_RESET': 1,
+            'FAKETIME_CACHE_DURATION': 1, 'DONT_FAKE_MONOTONIC': 1}.items():
+        monkeypatch.setenv(name, str(value))
+    processes.tetra('plant', '--ros-args', '-p', 'mode:=realtime', '-p', 'command_timeout:=100.0')
+    monkeypatch.undo()
+    stamps = []  # [s]
+    probe.node.create_subscription(
+        PoseArray, 'formation/attitudes',
+        lambda m: stamps.append(nanoseconds(m.header.stamp) / 1e9), 1000)
+    probe.wait_for(lambda: len(stamps) > 10, 'states')
+    for jump in (-30, 3600):
+        before = stamps[-1]
+        stamps[:] = stamps[-1:]
+        offset.write_text(f'{jump:+d}s\n')
+        probe.wait_for(lambda e=before + jump: abs(stamps[-1] - e) < 10.0, f'{jump} s')
+        offset.write_text('+0s\n')
+        probe.wait_for(lambda b=before: abs(stamps[-1] - b) < 15.0, 'the true time')
+        for one, next_one in pairwise(stamps):
+            passed = min(abs(next_one - one - leap) for leap in (0.0, jump, -jump))
+            assert passed < MEASUREMENT_TIMEOUT + 1.0
