@@ -41,7 +41,7 @@ from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.viewer.node import Viewer
 from tetra_ros2.wire import names
 
-EXAMPLES = 8
+EXAMPLES = 5
 """For each subscription and each service, and of all parameters together."""
 
 NODES = {
