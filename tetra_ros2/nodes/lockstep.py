@@ -34,6 +34,9 @@ FIRST_PATIENCE = 40e-3
 TOO_SOON = 0.5
 """After what part of the shortest time that answers ever took, none can be there yet."""
 
+QUICKEST = 0.2e-3
+"""Within which time nobody answers but in this process, where nothing is lost [s]."""
+
 LENGTHENING = 1.05
 """By how much the patience grows with each answer that was taken for lost and came."""
 
@@ -85,7 +88,7 @@ class RoundTrip:
         :param seconds: how long after the last repetition it came
         :param since_before: how long after what was sent before that
         """
-        if seconds >= TOO_SOON * self._shortest:
+        if seconds >= max(QUICKEST, TOO_SOON * self._shortest):
             return True
         self.patience = min(LENGTHENING * self.patience, since_before)
         return False
