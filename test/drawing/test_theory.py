@@ -191,3 +191,12 @@ def test_a_recording_of_a_solid_is_recognized_whoever_is_where(name):
     assert Theory(len(points), found, gain).rates[1] > 0.0
     other = sphere.normalize(rng.standard_normal(points.shape))
     assert (shapes.known_shape(recognize(seen, gain, other)) is None) == (len(points) > 4)
+
+
+@pytest.mark.parametrize('order', [range(6), [0, 3, 1, 4, 2, 5], [4, 1, 0, 5, 3, 2]])
+def test_the_limit_of_a_formation_has_each_agent_as_far_from_each_other_as_it_is(order):
+    theory = Theory(6, topology.complete(6), gains.Exponential(), 0.01)
+    points = shapes.OCTAHEDRON.points[list(order)]
+    for gamma in (points, -points):
+        np.testing.assert_allclose(measures.pairwise_cosines(theory.limit(gamma)),
+                                   measures.pairwise_cosines(gamma), atol=1e-6)

@@ -17,6 +17,7 @@
 from dataclasses import dataclass
 import sys
 
+import numba
 import numpy as np
 import pytest
 from tetra_ros2.formation import batch, gain, rotation, shapes, topology
@@ -112,3 +113,20 @@ def test_a_target_at_the_end_of_its_range_is_reached(angles):
     for follow in (batch.run, batch.compiled(gain.Cosine())):
         formed, _ = follow(gamma, still, gain.Cosine(), angles, 0.02, 0.01, 50, 10)
         assert formed.tolist() == [0], follow
+
+
+@pytest.mark.parametrize('labelled', [False, True])
+@pytest.mark.parametrize('family', [gain.Cosine, gain.Exponential])
+def test_what_is_compiled_does_what_its_source_says(family, labelled, monkeypatch):
+    graph, chosen = topology.rotating(), family(1.3)
+    gamma = rotation.rotate(starts(4, 4), AXIS)
+    given = (gamma, graph.weights, chosen, shapes.known_shape(graph).angles, 0.1, 0.4, 60, 3,
+             labelled)
+    formed, last = batch.compiled(chosen)(*given)
+    batch._kernel.cache_clear()
+    monkeypatch.setattr(numba.config, 'DISABLE_JIT', True)
+    formed_plain, last_plain = batch.compiled(chosen)(*given)
+    batch._kernel.cache_clear()
+    assert np.array_equal(formed, formed_plain)
+    assert np.any(formed != batch.NEVER)
+    np.testing.assert_allclose(last, last_plain, atol=1e-12)

@@ -36,6 +36,17 @@ def test_a_direction_beyond_the_tolerance_is_rejected(direction, share, side):
         require_unit(*(1.0 + side * share * UNIT_TOLERANCE) * direction)
 
 
+@pytest.mark.parametrize(('off', 'accepted'), [
+    (0.9e-3, True), (-0.9e-3, True), (1.1e-3, False), (-1.1e-3, False)])
+def test_a_direction_may_be_a_thousandth_off_unit_length(off, accepted):
+    direction = 0.48 * (1.0 + off), -0.6 * (1.0 + off), 0.64 * (1.0 + off)
+    if accepted:
+        require_unit(*direction)
+    else:
+        with pytest.raises(Rejected, match=Rejected.NOT_UNIT):
+            require_unit(*direction)
+
+
 @pytest.mark.parametrize('direction', [(0.0, 0.0, 0.0), (1e200, 0.0, 0.0), (1e-200, 0.0, 0.0)])
 def test_a_direction_that_is_finite_but_far_from_unit_is_called_that(direction):
     with pytest.raises(Rejected, match=Rejected.NOT_UNIT):

@@ -14,8 +14,11 @@
 
 """The coordinates of the paper: what defines them, and where they are singular."""
 
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
+from strategies import any_gain, assert_close
 from tetra_ros2.formation import coordinates, law, measures, rotation, shapes, sphere, topology
 from tetra_ros2.formation.gain import Cosine, Exponential
 
@@ -201,3 +204,16 @@ def test_a_small_circle_is_told_from_a_great_one_by_a_millionth():
     for formation in formations:
         with pytest.raises(ValueError, match='mirror image'):
             coordinates.inverse(coordinates.transform(formation), 0)
+
+
+@given(st.lists(st.floats(-1.3, 1.3), min_size=4, max_size=4),
+       st.lists(st.floats(-3.0, 3.0), min_size=4, max_size=4), any_gain(),
+       st.sampled_from([graph.weights for graph in GRAPHS]))
+def test_in_roll_pitch_yaw_angles_the_closed_loop_is_the_same(phi, psi, gain, weights):
+    phi, psi = np.array(phi), np.array(psi)
+    phi_rate, psi_rate = coordinates.angle_velocity(phi, psi, weights, gain)
+    north = np.stack([-np.sin(phi) * np.cos(psi), -np.sin(phi) * np.sin(psi), np.cos(phi)], -1)
+    east = np.stack([-np.sin(psi), np.cos(psi), np.zeros(4)], -1)
+    expected = law.velocity(coordinates.from_angles(phi, psi), weights, gain)
+    assert_close(phi_rate[:, None] * north + (psi_rate * np.cos(phi))[:, None] * east, expected,
+                 atol=1e-12 * gain.f(0.0))

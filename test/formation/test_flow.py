@@ -14,6 +14,7 @@
 
 """The compiled flow is that of the closed loop, as exact as wanted, whoever shares the work."""
 
+import numba
 import numpy as np
 import pytest
 from tetra_ros2.formation import flow, law
@@ -68,3 +69,13 @@ def test_threads_change_nothing():
     gamma = starts(3 * flow.TASK + 1)
     alone = flow.run(gamma, topology.weights, gain, 1.0, 1e-6)
     assert np.array_equal(alone, flow.run(gamma, topology.weights, gain, 1.0, 1e-6, threads=2))
+
+
+@pytest.mark.parametrize(('topology', 'gain'), CASES)
+def test_what_is_compiled_does_what_its_source_says(topology, gain, monkeypatch):
+    gamma, given = starts(3), (topology.weights, gain, 0.7, 1e-5)
+    compiled = flow.run(gamma, *given)
+    flow._kernel.cache_clear()
+    monkeypatch.setattr(numba.config, 'DISABLE_JIT', True)
+    np.testing.assert_allclose(flow.run(gamma, *given), compiled, atol=1e-12)
+    flow._kernel.cache_clear()

@@ -138,6 +138,21 @@ def test_what_cannot_be_simulated_is_refused(arguments, what):
         Formation(complete(), Cosine()).simulate(**arguments)
 
 
+@pytest.mark.parametrize('whole', [X[[0, 1, 1, 1]], X], ids=['quaternion', 'reduced'])
+@pytest.mark.parametrize(('off', 'accepted'), [
+    (0.9e-3, True), (-0.9e-3, True), (1.1e-3, False), (-1.1e-3, False)])
+def test_what_a_run_begins_with_may_be_a_thousandth_off_unit_length(whole, off, accepted):
+    given = np.tile(whole, (4, 1))
+    given[2] *= 1.0 + off
+    formation = Formation(complete(), Cosine())
+    if accepted:
+        run = formation.simulate(given, duration=0.01)
+        assert_close(np.linalg.norm(run.attitudes[0], axis=1), 1.0, atol=1e-15)
+    else:
+        with pytest.raises(ValueError, match='unit quaternions or unit vectors'):
+            formation.simulate(given, duration=0.01)
+
+
 @pytest.mark.parametrize(('arguments', 'what'), [
     ({'rate': -1.0}, 'rate must be'), ({'delay': -0.1}, 'delay must be'),
     ({'noise': 0.0}, 'noise must be'), ({'error': 0.2}, 'error must be less'),
@@ -162,3 +177,30 @@ def test_an_analysis_tells_the_spin_of_the_late_sampled_loop(delay):
     assert np.linalg.norm(run.spin()) == pytest.approx(analysis.sampled_spin_rate, rel=1e-7)
     off = np.max(np.abs(np.sort(run.angles[-1]) - np.array(analysis.angles)))
     assert off == pytest.approx(analysis.offset, rel=1e-5)
+
+
+def test_a_motion_without_bound_is_told_and_not_followed():
+    with pytest.raises(FloatingPointError, match='not finite'):
+        flow.reduced_attitudes(np.full((2, 3), np.nan), complete(2).weights, Cosine(), [0.0, 1.0])
+
+
+def test_what_a_run_came_to_can_be_asked():
+    formation = Formation(rotating(), Cosine())
+    run = formation.simulate(seed=1, duration=20.0, rate=50.0)
+    formed = run.time_to_form(1e-2)
+    k = round(formed * 50.0)
+    assert np.all(run.errors[k:] < 1e-2)
+    assert run.errors[k - 1] >= 1e-2
+    assert run.time_to_form(1e-9) is None
+    assert np.linalg.norm(run.spin()) == pytest.approx(1.0 / np.sqrt(3.0), rel=1e-2)
+    assert_close(run.predicted_spin(), run.spin(), atol=1e-2)
+    short = formation.simulate(seed=1, duration=0.02, rate=50.0)
+    assert np.linalg.norm(short.spin()) > 0.0
+
+
+def test_equilibria_of_a_pair_are_two():
+    found = Formation(complete(2), Exponential()).equilibria(starts=40, seed=2)
+    assert {entry.kind for entry in found} == {'consensus', '1 against 1'}
+    for entry in found:
+        assert entry.reduced_attitudes.shape == (2, 3)
+        assert entry.spin_rate == 0.0

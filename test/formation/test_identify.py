@@ -77,3 +77,31 @@ def test_two_neighbours_in_one_direction_are_not_told_apart():
     rates = np.array([laws.world_angular_velocity(points, graph.weights, gains.Exponential())
                       for points in gamma])
     assert identify.identify(gamma, rates, edges) is None
+
+
+def test_agents_that_see_nobody_or_never_move_are_left_as_they_are():
+    graph = topology.custom(4, [(1, 2), (1, 3), (2, 3, 0.5), (3, 2)])  # agent 4 is blind
+    gamma, rates, edges = seen(graph, gains.Exponential())
+    law = identify.identify(gamma, rates, edges)
+    np.testing.assert_allclose(law.topology.weights, graph.weights, atol=1e-6)
+    assert law.residual < 1e-7
+    np.testing.assert_array_equal(law.rounded.weights, graph.weights)
+    assert law.rounded.kind == 'custom'
+    assert identify.identify(gamma, np.zeros_like(rates), edges) is None
+
+
+def test_a_blind_agent_that_moves_is_not_explained():
+    graph = topology.custom(4, [(1, 2), (1, 3), (2, 3, 0.5), (3, 2)])
+    gamma, rates, edges = seen(graph, gains.Exponential())
+    rates = rates.copy()
+    rates[:, 3] += 0.1
+    assert identify.identify(gamma, rates, edges) is None
+
+
+def test_states_without_commands_are_left_out():
+    graph = GRAPHS['rotating']
+    gamma, rates, edges = seen(graph, gains.Cosine())
+    rates = rates.copy()
+    rates[::3, 1] = np.nan
+    law = identify.identify(gamma, rates, edges)
+    np.testing.assert_allclose(law.topology.weights, graph.weights, atol=1e-6)

@@ -147,3 +147,11 @@ def test_the_papers_rotating_graph_is_the_tetrahedron_about_a_vertex(spin, p):
 def test_an_axis_without_a_direction_is_refused(axis):
     with pytest.raises(ValueError, match='finite and not zero'):
         polyhedra.axis_direction(polyhedra.SOLIDS['cube'], np.array(axis))
+
+
+def test_a_point_without_a_face_is_told():
+    # Everything is above the only plane through the first point and its two nearest.
+    points = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [-0.6, 0.0, 0.8]])
+    points = np.vstack([points, [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]])
+    with pytest.raises(ValueError, match='no face at the first of these 5 points'):
+        polyhedra.axis_agents(points, 'face')

@@ -187,3 +187,12 @@ def test_the_commands_are_those_of_the_law():
     world = law.world_angular_velocity(gamma, ROTATING, COSINE)
     body = rotation.rotate(rotation.inverse(attitudes), world)
     assert np.allclose(rate_loop._commands(attitudes, ROTATING, COSINE), body[:, 1:])
+
+
+def test_the_spin_asks_most_of_the_bodies_away_from_the_axis():
+    found = rate_loop.rate_loop_equilibrium(TETRAHEDRON, ROTATING, COSINE, 1e4)
+    # A body rate is the part of W across the pointing axis, and turns about it at the rest of W:
+    # |W|^2 sin(theta) cos(theta), 0 on the axis, and the others are at cos(theta) = -1/3.
+    spin = 1.0 / np.sqrt(3.0)
+    assert found.angular_acceleration == pytest.approx(
+        spin**2 * np.sqrt(8.0) / 9.0, rel=1e-3)

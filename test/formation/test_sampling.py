@@ -169,7 +169,7 @@ def test_the_covariance_that_noise_leaves_solves_the_equation_it_is_the_limit_of
         rows[row, b] = rotation.rotate(rotation.inverse(there.attitudes[b]), normal[row])
     rows = rows.reshape(6, 12)
     expected = np.sqrt(np.diag(rows @ attitude @ rows.T))
-    assert there.steady_angles(1.0)[0] == pytest.approx(expected, rel=1e-6)
+    assert there.steady_angles(1.0)[0] == pytest.approx(expected, rel=1e-8)
 
 
 def test_noise_turns_an_antipodal_pair_in_two_directions():
@@ -202,3 +202,16 @@ def test_at_the_sample_time_limit_itself_no_delay_is_stable():
     limit = sampling.max_sample_time_at_rest(values)
     assert sampling.max_delay_steps_at_rest(values, limit) == -1
     assert sampling.max_delay_steps_at_rest(values, 0.999 * limit) == 0
+
+
+def test_beyond_the_sample_time_limit_a_spinning_formation_bears_no_delay_at_all():
+    weights, gain = ROTATING.weights, Cosine()
+    limit = sampling.max_sample_time(TETRAHEDRON, weights, gain)
+    assert sampling.max_delay_steps(TETRAHEDRON, weights, gain, 1.05 * limit) == -1
+
+
+def test_what_is_not_stable_has_no_limits():
+    together = np.tile([0.0, 0.0, 1.0], (4, 1))
+    for limit in (sampling.max_sample_time, sampling.max_delay):
+        with pytest.raises(ValueError, match='not stable even without sampling'):
+            limit(together, COMPLETE.weights, Cosine())

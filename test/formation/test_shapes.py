@@ -13,13 +13,14 @@
 # limitations under the License.
 
 import math
+import re
 
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import any_gain, assert_close, formations, quaternions
-from tetra_ros2.formation import law, measures, rotation, shapes, sphere
+from tetra_ros2.formation import law, measures, rings, rotation, shapes, sphere, targets
 from tetra_ros2.formation import topology as topologies
 from tetra_ros2.formation.gain import Cosine, Exponential
 from tetra_ros2.formation.topology import Topology
@@ -184,3 +185,69 @@ def test_near_the_tetrahedron_the_prediction_is_that_of_the_nearest(gamma, offse
 def test_a_pair_approaches_the_antipodal_shape_slowly_only_where_the_gain_vanishes(
         gain, reserved):
     assert (shapes.reservation(topologies.complete(2), gain) is not None) is reserved
+
+
+@pytest.mark.parametrize(('graph', 'gain', 'what'), [
+    (topologies.complete(4), Cosine(), None), (topologies.complete(6), Exponential(), None),
+    (topologies.complete(6), Cosine(), 'a continuum, of which the octahedron is but one'),
+    (topologies.complete(5), Cosine(), None), (targets.ring(5), Cosine(), None),
+    (targets.ring(6), Exponential(), None),
+    (targets.ring(6), Cosine(), r'ring of 6 approaches the pair of antipodal clusters of 3 only'),
+    (targets.polyhedron('cube'), Exponential(), None),
+    (targets.polyhedron('cube', [1.0, 0.0, 0.0]), Exponential(),
+     'cube will not come out under this gain: it is not stable'),
+    (targets.given(topologies.complete(4), targets.directions(
+        [1, 0, 0, 0, 1, 0, 0, 0, 1, -1, -1, -1])), Exponential(),
+     'formation of 4 given directions is no formation of these weights .* changes its shape at')],
+    ids=str)
+def test_a_gain_that_is_a_bad_choice_for_a_shape_is_warned_of(graph, gain, what):
+    said = shapes.reservation(graph, gain)
+    if what is None:
+        assert said is None
+    else:
+        assert re.search(what, said)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_chirality_tells_the_shape_from_its_mirror_image_where_they_differ(seed):
+    q = rotation.random(np.random.default_rng(seed), (1,))
+
+    def handed(points, graph, order=slice(None)):
+        return tuple(shapes.chirality(rotation.rotate(q, sign * points)[order], graph)
+                     for sign in (1.0, -1.0))
+
+    assert handed(TETRAHEDRON, topologies.rotating()) == (-1, 1)
+    assert handed(TETRAHEDRON, topologies.rotating(), [1, 0, 2, 3]) == (1, -1)
+    spinning = targets.polyhedron('octahedron', spin=0.5)
+    assert handed(spinning.shape.points, spinning) in ((1, -1), (0, 0))
+    points = targets.directions([1, 0, 0, 0, 1, 0, 0, 0, 1, -1, -1, 0.5, 0.2, -1, -1])
+    uneven = np.arange(25.0).reshape(5, 5) * (1.0 - np.eye(5))
+    graph = targets.given(Topology('custom', uneven), points)
+    assert handed(points, graph) == (1, -1)
+    assert handed(shapes.OCTAHEDRON.points, topologies.complete(6)) == (0, 0), 'may be exchanged'
+    assert handed(rings.points(5), targets.ring(5)) == (0, 0), 'it is flat'
+    assert handed(rings.points(5), topologies.complete(5)) == (0, 0), 'no shape is known'
+
+
+@pytest.mark.parametrize('name', ['octahedron', 'cube', 'icosahedron'])
+@given(quaternions(), st.sampled_from(['vertex', 'edge', 'face']), st.sampled_from([1.0, -1.0]))
+def test_the_axis_turns_with_the_formation_and_is_mirrored_with_it(name, q, axis, sign):
+    graph = targets.polyhedron(name, axis=axis, spin=0.5)
+    assert_close(shapes.axis_direction(rotation.rotate(q, sign * graph.shape.points), graph),
+                 sign * rotation.rotate(q, graph.axis), atol=1e-12)
+
+
+@given(quaternions(), st.sampled_from([3, 5, 7]))
+def test_the_axis_of_a_ring_is_the_normal_of_its_plane(q, n):
+    graph = targets.ring(n, 0.5)
+    found = shapes.axis_direction(rotation.rotate(q, rings.points(n)), graph)
+    turning = law.velocity(rings.points(n), graph.weights, Exponential())
+    spin = measures.angular_velocity(rings.points(n), turning)
+    assert abs(found @ rotation.rotate(q, spin)) == pytest.approx(np.linalg.norm(spin))
+
+
+def test_without_an_axis_there_is_no_direction_and_no_sense():
+    assert shapes.axis_direction(TETRAHEDRON, topologies.complete()) is None
+    assert shapes.axis_direction(np.tile([1.0, 0.0, 0.0], (5, 1)), targets.ring(5, 0.5)) is None
+    with pytest.raises(ValueError, match='no agent on an axis'):
+        shapes.predicted_sense(topologies.complete(), 1)

@@ -240,3 +240,10 @@ def test_settling_goes_on_from_a_saddle_to_what_attracts(saddle):
         np.array(saddle, float) + 1e-5 * np.random.default_rng(2).standard_normal((4, 3)))
     end = equilibria.settle(nearly, COMPLETE, Exponential())
     assert equilibria.classify(end) == 'tetrahedron'
+
+
+def test_the_mirror_image_has_the_same_angles_and_the_other_chirality():
+    gamma = sphere.random(np.random.default_rng(4), (20, 4))
+    mirrored = stability.mirrored(gamma)
+    assert np.allclose(measures.pairwise_cosines(mirrored), measures.pairwise_cosines(gamma))
+    assert np.array_equal(measures.chirality(mirrored), -measures.chirality(gamma))

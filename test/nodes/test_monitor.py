@@ -21,9 +21,11 @@ from node_bench import Bench
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
+from rclpy.task import Future
 from std_msgs.msg import Float64, Float64MultiArray
 from tetra_ros2.formation import gain
 from tetra_ros2.nodes.monitor import Monitor
+from tetra_ros2.ros import diagnostics
 from tetra_ros2.wire import cdr, names
 
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
@@ -126,3 +128,82 @@ def test_somebody_else_who_says_how_large_the_error_is_is_reported(probe):
                 lambda t=topic: f'/{t}' in bench.node.publisher_conflicts(), 'a conflict')
             probe.node.destroy_publisher(other)
             bench.wait_for(lambda: not bench.node.publisher_conflicts(), 'its end')
+
+
+def test_who_waits_for_a_time_is_told_at_the_first_sample_then_or_later(probe):
+    with Bench(probe, Monitor) as bench:
+        monitor = bench.node
+        future = Future()
+        monitor.notify(100, future)
+        for stamp in (98, 99):
+            monitor._on_attitudes(state(stamp))
+        assert not future.done()
+        for stamp in (101, 102):
+            monitor._on_attitudes(state(stamp))
+        assert future.result() == 101
+
+
+def test_it_is_said_once_that_it_has_formed_when_it_has_stayed_so_for_a_while(probe, monkeypatch):
+    said = []
+    monkeypatch.setattr('tetra_ros2.nodes.monitor.time', SimpleNamespace(monotonic=lambda: 9.0))
+    monkeypatch.setattr(Monitor, 'get_logger', lambda self: SimpleNamespace(
+        info=said.append, warning=said.append))
+    with Bench(probe, Monitor, tolerance=0.1) as bench:
+        monitor = bench.node
+
+        def show(seconds, angle=0.0):
+            monitor._on_attitudes(state(round(1e9 * seconds), leaning(angle)))
+
+        show(1.0, 0.3)
+        show(2.0)
+        show(2.49)
+        assert said == []
+        assert monitor.assess()[1] == 'formed: regular tetrahedron'
+        show(2.51)
+        assert said == ['formed: regular tetrahedron, after 1.00 s']
+        show(3.0)
+        assert len(said) == 1
+        show(3.1, 0.3)
+        assert monitor.assess()[1] == 'forming: regular tetrahedron'
+        show(3.2)
+        show(4.3)
+        assert len(said) == 2, 'it has formed anew'
+
+
+def test_its_health_tells_the_error_and_the_times(probe, monkeypatch):
+    monkeypatch.setattr('tetra_ros2.nodes.monitor.time', SimpleNamespace(monotonic=lambda: 9.0))
+    with Bench(probe, Monitor, tolerance=0.1) as bench:
+        monitor = bench.node
+        assert monitor.assess()[:2] == (diagnostics.WARN, 'waiting for attitudes')
+        assert (monitor._look(), monitor._poses()) == (None, None)
+        for k, angle in enumerate([0.3, 0.3, 0.05]):
+            monitor._on_attitudes(state(10**9 * (k + 1), leaning(angle)))
+        level, message, values = monitor.assess()
+        assert (level, message) == (diagnostics.OK, 'formed: regular tetrahedron')
+        assert values['attitudes'] == 3
+        assert values['formation time [s]'] == values['time to form [s]'] == 2.0
+        assert 0.0 < values['formation error [rad]'] < 0.1
+        stamp, gamma = monitor._look()
+        assert stamp == 3 * 10**9
+        assert gamma == pytest.approx(leaning(0.05))
+        assert monitor._poses()[1] == pytest.approx(np.array([REST] * 4))
+
+
+def test_its_cosines_are_labelled_with_the_pairs(probe):
+    with Bench(probe, Monitor) as bench:
+        message = bench.node._cosines_message()
+        whole, *pairs = message.layout.dim
+        assert (whole.label, whole.size, whole.stride) == ('cos(theta_ij) for i < j', 6, 6)
+        assert [d.label for d in pairs] == ['1 2', '1 3', '1 4', '2 3', '2 4', '3 4']
+        assert {(d.size, d.stride) for d in pairs} == {(1, 1)}
+        assert len(message.data) == 6
+
+
+def test_whoever_watches_is_handed_each_good_state_repeated_or_not(probe):
+    with Bench(probe, Monitor) as bench:
+        seen = []
+        bench.node.watch(seen.append)
+        for stamp in (1, 1, 0, 2):
+            bench.node._on_attitudes(state(stamp))
+        assert seen == [state(1), state(1), state(2)]
+        assert bench.node.observer.count == 2

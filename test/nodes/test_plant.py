@@ -16,7 +16,11 @@ from geometry_msgs.msg import TwistStamped, Vector3Stamped
 from harness import nanoseconds
 from node_bench import Bench
 import pytest
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
+from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.nodes.plant import Plant
+from tetra_ros2.ros import diagnostics
 from tetra_ros2.wire import cdr
 
 REST = [0.0, 0.0, 0.0, 1.0]
@@ -54,3 +58,75 @@ def test_after_a_reset_the_sensors_look_at_the_bodies_of_now(probe, delay):
                     0.01 * max(k - late, 0), abs=1e-4), 'late by as much as it is to be'
                 step()
             plant.reset()
+
+
+def test_it_looks_for_a_second_commander_only_where_that_is_wished_for(probe, monkeypatch):
+    made = []
+    create = Plant.create_steady_timer
+    monkeypatch.setattr(Plant, 'create_steady_timer', lambda self, period, callback: made.append(
+        (callback.__name__, period)) or create(self, period, callback))
+
+    def looks():
+        return [period for name, period in made if name == '_look_for_conflicts']
+
+    with Bench(probe, Plant) as bench:
+        bench.node.set_parameters([Parameter('rate', value=50.0)])
+        assert looks() == []
+        for _ in range(2):
+            bench.node.set_parameters([Parameter('on_publisher_conflict', value='hold')])
+        assert looks() == [0.05]
+        bench.node._held = 0b11
+        bench.node.set_parameters([Parameter('rate', value=60.0)])
+        assert bench.node.held_agents() == 0b11
+        bench.node.set_parameters([Parameter('on_publisher_conflict', value='report')])
+        assert bench.node.held_agents() == 0
+
+
+@pytest.mark.parametrize(('timeout', 'accepted'), [(0.0, True), (0.02, True), (0.0199, False)])
+def test_in_real_time_commands_live_for_two_periods_at_least(probe, timeout, accepted):
+    given = {'mode': 'realtime', 'rate': 100.0, 'command_timeout': timeout}
+    if accepted:
+        with Bench(probe, Plant, **given):
+            pass
+    else:
+        with pytest.raises(ConfigurationError, match=r'two periods, 0\.02 s at 100 Hz'):
+            Bench(probe, Plant, **given)
+
+
+def test_a_plant_draws_a_seed_says_which_and_draws_the_same_from_it(probe):
+    with Bench(probe, Plant) as bench:
+        seed, attitudes = bench.node.seed, bench.node.bodies.attitudes
+        assert 0 <= seed < 2**31
+        assert bench.node.start_description == f'seed {seed}'
+    with Bench(probe, Plant, seed=seed) as bench:
+        assert bench.node.bodies.attitudes == attitudes
+        bench.node.randomize()
+        assert bench.node.bodies.attitudes != attitudes
+        bench.node.reset()
+        assert bench.node.bodies.attitudes == attitudes
+    with Bench(probe, Plant, initial_attitudes=4 * REST) as bench:
+        assert bench.node.start_description == 'given attitudes'
+        assert bench.node.bodies.attitudes == [tuple(REST)] * 4
+
+
+def test_its_services_do_what_they_say(probe):
+    with Bench(probe, Plant, initial_attitudes=4 * REST) as bench:
+        node = bench.node
+        for ask, said in ((node._on_reset, 'back to the initial attitudes'),
+                          (node._on_randomize, 'at new random attitudes')):
+            response = ask(Trigger.Request(), Trigger.Response())
+            assert (response.success, response.message) == (True, said)
+        for data, said in ((True, 'paused'), (False, 'running')):
+            response = node._on_pause(SetBool.Request(data=data), SetBool.Response())
+            assert (response.success, response.message) == (True, said)
+            assert node.stepper.paused is data
+        for data, said in ((True, 'stopped'), (False, 'released')):
+            response = node._on_stop(SetBool.Request(data=data), SetBool.Response())
+            assert (response.success, response.message) == (True, said)
+            level, message, _ = node.assess()
+            assert message.startswith('emergency stop') is data
+            assert (level == diagnostics.ERROR) is data
+        node._held = 0b10
+        level, message, _ = node.assess()
+        assert (level, message.partition(';')[0]) == (
+            diagnostics.ERROR, 'held still, more than one publisher: agent_2')
