@@ -154,7 +154,7 @@ def weak(starts=200, h=0.02):
     rng = np.random.default_rng(0)
     # For each: the largest angular acceleration [rad/s^2] and the bandwidth [1/s] of each body.
     cases = {f'{limit_:g} rad/s^2': (np.full((starts, 4), limit_), np.full((starts, 1), 10.0))
-             for limit_ in (1.0, 0.1, 0.01, 0.003)}
+             for limit_ in (1.0, 0.1, 0.03, 0.01, 0.003)}
     cases['0.01 to 1 rad/s^2, for each body another'] = (
         10.0 ** rng.uniform(-2.0, 0.0, (starts, 4)), 10.0 ** rng.uniform(0.0, 1.0, (starts, 1)))
     for name, (limits, bandwidths) in cases.items():
