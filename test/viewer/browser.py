@@ -53,14 +53,21 @@ def launch():
         yield browser
 
 
-def open_page(context, address):
-    """Open an address, and note what the page asks of other places."""
+def open_page(context, address, received=None):
+    """
+    Open an address, and note what the page asks of other places.
+
+    :param received: a list to which the sizes of all messages to the page are added [bytes]
+    """
     page = context.new_page()
     page.set_default_timeout(1000.0 * DEADLINE)
     page.elsewhere = []
     place = re.escape(re.match(r'(\w+://[^/]*)', address)[1])
     page.on('request', lambda request: page.elsewhere.append(request.url)
             if not re.match(rf'(blob:)?{place}|data:', request.url) else None)
+    if received is not None:
+        page.on('websocket', lambda socket: socket.on(
+            'framereceived', lambda payload: received.append(len(payload))))
     page.goto(address)
     return page
 

@@ -60,10 +60,10 @@ def visit(chromium):
     """Return a function that opens an address in a browser of its own, and waits for the page."""
     contexts = []
 
-    def open_(port, size=(1200, 800), query=''):
+    def open_(port, size=(1200, 800), query='', watch=None):
         contexts.append(context := chromium.new_context(
             viewport={'width': size[0], 'height': size[1]}))
-        page = open_page(context, f'http://127.0.0.1:{port}/{query}')
+        page = open_page(context, f'http://127.0.0.1:{port}/{query}', watch)
         page.get_by_text('charts', exact=True).wait_for()
         return page
 
@@ -415,17 +415,20 @@ def test_a_thousand_agents_take_little_memory_and_no_faces(visit, processes, por
         '    rclpy.spin_once(node, timeout_sec=0.05)\n')
     viewer = processes.tetra('viewer', '--port', port)
     wait_for_server(port)
-    page = visit(port)
+    page = visit(port, watch=(received := []))
     before = memory(viewer.pid)
     processes.python('-c', script)
     page.get_by_text('1000 agents').wait_for()
     first = until(page, lambda: shown_time(page), 'a time')
-    until(page, lambda: shown_time(page) > first + 10.0, 'ten states')
+    sent = sum(received)
+    last = until(page, lambda: (now := shown_time(page)) > first + 10.0 and now, 'ten states')
+    sent = (sum(received) - sent) / (last - first)
     assert f'More than {MOST_AGENTS} agents' in page.inner_text('body')
     assert not charts(page)
     grown = memory(viewer.pid) - before
-    print(f'a thousand agents: {grown / 1e6:.0f} MB more')
+    print(f'a thousand agents: {grown / 1e6:.0f} MB more, {sent / 1e3:.0f} kB for each state')
     assert grown < 150e6
+    assert 0.0 < sent < 40e3, 'three numbers for each direction take 12 kB'
 
 
 def memory(pid):
