@@ -48,6 +48,7 @@ from typing import Any
 
 from benchmarks.hosts import unavailable
 from benchmarks.rig import FAKETIME, GAIN, RATE, Rig, TOLERANCE
+from tetra_ros2.formation import Formation
 
 FORMATIONS = tuple((mode, graph) for mode in ('realtime', 'lockstep')
                    for graph in ('complete', 'rotating'))
@@ -105,7 +106,6 @@ class Outcome:
 
 def predicted(rig: Rig, gamma: list[tuple[float, ...]]) -> float | None:
     """Return how long the sampled loop takes from these directions to the tolerance [s]."""
-    from tetra_ros2.formation import Formation
     gain = type(rig.formation.gain)(GAIN)
     formation = Formation(rig.formation.topology, gain, rig.formation.pointing_axes)
     run = formation.simulate(gamma, duration=15.0, rate=RATE)
@@ -114,7 +114,7 @@ def predicted(rig: Rig, gamma: list[tuple[float, ...]]) -> float | None:
 
 def one(rig: Rig, k: int, kind: str, seed: int) -> Outcome:
     """Do a fault, wait until the formation has formed again, and judge."""
-    from benchmarks.faults import FAULTS
+    from benchmarks.faults import FAULTS  # with rclpy: see Rig.__enter__
     watcher = rig.watcher
     chance = random.Random(seed)
     watcher.begin()
@@ -181,7 +181,7 @@ def run(mode: str, graph: str, first: int, count: int, seed: int, out: Path, ver
     :param first: the number of the first fault, from 1
     :returns: 0, or 1 if it ended before the last fault, as the formation was in no state for more
     """
-    from benchmarks.faults import FAULTS
+    from benchmarks.faults import FAULTS  # as above
     directory = Path(tempfile.mkdtemp(prefix='tetra_chaos_'))
     kinds = [kind for kind in FAULTS if (not only or kind in only)
              and (kind != 'clock' or FAKETIME.exists())]

@@ -26,6 +26,7 @@ import time
 from typing import Any
 
 from benchmarks.hosts import Hosts
+from tetra_ros2.config import configuration
 
 GAIN, RATE, TOLERANCE = 4.0, 50.0, 1e-2
 """Fast enough for many faults in an hour; at this rate sampling leaves the spin 2e-3 rad off."""
@@ -66,7 +67,6 @@ class Rig:
     nodes = NODES
 
     def __init__(self, mode: str, graph: str, seed: int, directory: Path) -> None:
-        from tetra_ros2.config import configuration
         self.mode, self.graph, self.directory = mode, graph, directory
         self.formation = configuration.load(graph).formation()
         self.edges = [(i, j) for i, j, _ in self.formation.topology.edges]

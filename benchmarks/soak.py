@@ -221,7 +221,7 @@ def growth(rows: list[dict[str, float]]) -> dict[str, float]:
 
 def draw(rows: list[dict[str, float]], path: Path) -> None:
     """Draw the curves."""
-    import matplotlib
+    import matplotlib  # only to draw
     matplotlib.use('Agg')
     from matplotlib import pyplot as plt
     minutes = [row['time'] / 60.0 for row in rows]

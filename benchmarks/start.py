@@ -51,7 +51,7 @@ def start(graph: str, n: int) -> tuple[float, float, float, int]:
     :returns: how long it took to make the nodes and have them find each other [s], from then to
         the first step [s], processor time of both [s], how many topics there are
     """
-    from tetra_ros2.launcher import Launcher
+    from tetra_ros2.launcher import Launcher  # in a process of its own
     with tempfile.TemporaryDirectory() as directory:
         file = Path(directory) / f'{graph}_{n}.yaml'
         file.write_text(configuration(graph, n))
