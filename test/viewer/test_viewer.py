@@ -38,8 +38,11 @@ from harness import DEADLINE, interrupt, Probe, Processes, run, values
 import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters
+from tetra_ros2 import signals
+from tetra_ros2.cli import main
 from tetra_ros2.drawing import colors
 from tetra_ros2.formation import topology
+from tetra_ros2.viewer import export
 from tetra_ros2.viewer.scene import MOST_AGENTS
 from tetra_ros2.wire import names
 
@@ -379,6 +382,18 @@ def test_a_page_that_cannot_be_written_is_refused_in_one_line(
     assert (code, output) == (2, '')
     assert errors.startswith(f'tetra: error: {key}: ')
     assert errors.count('\n') == 1
+
+
+def test_a_page_whose_writing_is_interrupted_is_not_there(tmp_path, monkeypatch):
+    def interrupt_it(*_):
+        raise KeyboardInterrupt
+    bags.write(tmp_path / 'bag', 30)
+    monkeypatch.setattr(export.Scene, 'draw', interrupt_it)
+    monkeypatch.setattr(signals, 'interrupt_once', lambda: None)  # those here are pytest's
+    page = tmp_path / 'x.html'
+    assert main(['viewer', '--bag', str(tmp_path / 'bag'), '--html', str(page)]) == \
+        signals.INTERRUPTED
+    assert not page.exists()
 
 
 def test_a_run_that_has_ended_is_said_to_have(visit, processes, port):

@@ -14,7 +14,7 @@
 
 """``tetra viewer --bag --html``: a recording as one page that plays in any browser by itself."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import contextlib
 import html
 import io
@@ -56,11 +56,33 @@ def write(recording: Recording, edges: tuple[Edge, ...], path: Path,
     """
     if path.is_dir():
         raise ConfigurationError('is a directory, expected the name of a file', source=path)
-    try:
+    new = not path.exists()
+    with _naming(path):
         path.touch()  # before the work, not after it
+    try:
+        document = _make(recording, edges, progress)
+    except BaseException:
+        if new:
+            path.unlink(missing_ok=True)
+        raise
+    with _naming(path):
+        path.write_bytes(document)
+    return len(document)
+
+
+@contextlib.contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Say which file it is that cannot be written."""
+    try:
+        yield
     except OSError as error:
         raise ConfigurationError(
             f'cannot be written to: {error.strerror}', source=path) from None
+
+
+def _make(recording: Recording, edges: tuple[Edge, ...],
+          progress: Callable[[float], None] | None) -> bytes:
+    """Return the page."""
     duration = float(recording.times[-1])
     count = min(max(int(duration * PICTURES_PER_SECOND) + 1, 2), MOST_PICTURES)
     moments = np.linspace(0.0, duration, count)
@@ -86,11 +108,4 @@ def write(recording: Recording, edges: tuple[Edge, ...], path: Path,
     caption = CAPTION.format(html.escape(
         f'{recording.path.name}: {recording.n} agents, {duration:.4g} s. '
         'Drag to turn, scroll to come closer, space to stop.'))
-    document = dress(page.encode()).replace(
-        b'</body>', f'{caption}</body>'.encode(), 1)
-    try:
-        path.write_bytes(document)
-    except OSError as error:
-        raise ConfigurationError(
-            f'cannot be written to: {error.strerror}', source=path) from None
-    return len(document)
+    return dress(page.encode()).replace(b'</body>', f'{caption}</body>'.encode(), 1)

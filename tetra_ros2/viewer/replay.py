@@ -134,6 +134,7 @@ def write_page(arguments):
     :returns: 0
     :raises ConfigurationError: if the recording cannot be read or the page not be written
     """
+    signals.interrupt_once()  # it is work with an end, unlike all else that this command does
     path = Path(arguments.html)
     loaded = recording.load(arguments.bag, arguments.namespace or None)
     size = export.write(loaded, _edges(loaded), path)
