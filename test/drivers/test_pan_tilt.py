@@ -19,14 +19,13 @@ import time
 
 import numpy as np
 import pytest
-from tetra_ros2.formation import gimbal
 
-pytest.importorskip('dynamixel_sdk')
+PacketHandler = pytest.importorskip('dynamixel_sdk').PacketHandler
 
-from dynamixel_sdk import PacketHandler  # noqa: E402
 from tetra_ros2.drivers import dynamixel  # noqa: E402
 from tetra_ros2.drivers.pan_tilt import PanTilt  # noqa: E402
 from tetra_ros2.drivers.simulated_bus import crc, SimulatedBus  # noqa: E402
+from tetra_ros2.formation import gimbal  # noqa: E402
 
 
 @pytest.fixture

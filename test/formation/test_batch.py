@@ -76,6 +76,7 @@ def test_without_numba_there_is_numpy(monkeypatch):
 
 
 class Quartic(gain.Gain):
+
     def f(self, theta, xp=np):
         return self.a / (1.0 + self.b * theta**4)
 
@@ -89,6 +90,7 @@ class Shifted(gain.Gain):
 
 
 class Interpreted(Quartic):
+
     def f(self, theta, xp=np):
         return super().f(theta, xp)  # which numba cannot compile
 

@@ -21,7 +21,7 @@ from tetra_ros2.formation import law, polyhedra, sphere, stability, targets, top
 from tetra_ros2.formation.gain import Cosine, Exponential
 
 pytest.importorskip('scipy')
-from tetra_ros2.formation import design
+design = pytest.importorskip('tetra_ros2.formation.design')
 
 SPIN = np.array([0.1, 0.05, 0.2])
 

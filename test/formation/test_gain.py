@@ -116,6 +116,7 @@ def test_a_gain_that_overflows_is_refused():
 
 
 class Attraction(gains.Gain):
+
     def f(self, theta, xp=np):
         return self.a * (1.0 - xp.cos(theta))
 
@@ -124,6 +125,7 @@ class Attraction(gains.Gain):
 
 
 class Wave(gains.Gain):
+
     def f(self, theta, xp=np):
         return self.a * (2.0 + xp.cos(3.0 * theta))
 
@@ -132,6 +134,7 @@ class Wave(gains.Gain):
 
 
 class Pole(gains.Gain):
+
     def f(self, theta, xp=np):
         with np.errstate(divide='ignore'):
             return self.a / theta
@@ -165,6 +168,7 @@ def test_a_gain_cannot_be_changed_into_one_that_was_not_checked():
 
 
 class Quartic(gains.Gain):
+
     def f(self, theta, xp=np):
         return self.a / (1.0 + self.b * theta**4)
 
@@ -178,11 +182,13 @@ def test_a_gain_of_ones_own_needs_no_derivative():
 
 
 class Kinked(gains.Gain):
+
     def f(self, theta, xp=np):
         return self.a * (4.0 - abs(theta))
 
 
 class Hasty(gains.Gain):
+
     def f(self, theta, xp=np):
         return self.a * xp.exp(-theta)
 
@@ -191,26 +197,31 @@ class Hasty(gains.Gain):
 
 
 class NoModule(gains.Gain):
+
     def f(self, theta):
         return self.a * np.exp(-theta)
 
 
 class Scalar(gains.Gain):
+
     def f(self, theta, xp=np):
         return self.a if theta < 1.0 else 0.5 * self.a
 
 
 class Complex(gains.Gain):
+
     def f(self, theta, xp=np):
         return self.a * np.exp(-theta + 0j)
 
 
 class Twofold(gains.Gain):
+
     def f(self, theta, xp=np):
         return self.a * (np.exp(-theta) if xp is np else math.exp(-2.0 * theta))
 
 
 class Loose(gains.Gain):
+
     def f(self, theta, xp=np):
         return self.a
 

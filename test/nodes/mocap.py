@@ -42,6 +42,7 @@ def multiply(p, q):
 
 
 class MotionCapture(Node):
+
     def __init__(self, kind, bodies):
         super().__init__('motion_capture')
         rng = np.random.default_rng(2)

@@ -26,13 +26,13 @@ from tetra_ros2.config.configuration import load
 from tetra_ros2.formation import rotation
 from tetra_ros2.formation.simulation import SampledLoop
 from tetra_ros2.launcher import Launcher
-from tetra_ros2.ros.executor import spin_some
-from visualization_msgs.msg import Marker, MarkerArray
 
 pytest.importorskip('mujoco')
 
 from tetra_ros2.physics.bodies import make_bodies  # noqa: E402
 from tetra_ros2.physics.settings import Physics, RateLoop  # noqa: E402
+from tetra_ros2.ros.executor import spin_some  # noqa: E402
+from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 
 def spin(run):

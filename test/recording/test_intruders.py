@@ -167,14 +167,15 @@ def test_malformed_bytes_are_recorded_as_they_are(tmp_path_factory, probe, messa
     assert not {topic for topic, _ in sent - found}
 
 
+TYPES = strategies.text(max_size=20) | strategies.sampled_from([
+    'a/msg/b', 'os/msg/path', 'std_msgs/msg/__doc__', '/', '//', '', 'std_msgs/msg/Nothing',
+    'std_msgs/srv/String'])
+
+
 @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(topics=strategies.lists(strategies.tuples(
     strategies.text(max_size=20).map(lambda text: f'/formation/{text}'),
-    strategies.lists(strategies.one_of(
-        strategies.text(max_size=20),
-        strategies.sampled_from(['a/msg/b', 'os/msg/path', 'std_msgs/msg/__doc__', '/', '//', '',
-                                 'std_msgs/msg/Nothing', 'std_msgs/srv/String'])),
-        min_size=1, max_size=3)), max_size=5))
+    strategies.lists(TYPES, min_size=1, max_size=3)), max_size=5))
 def test_no_name_of_a_topic_and_no_type_ends_the_recording(shared_recorder, topics):
     node = shared_recorder.node
     heard = set(node._heard)

@@ -136,6 +136,7 @@ def test_a_reset_does_not_leave_a_trail_across_the_sphere(monkeypatch):
     made = []
 
     class Publisher:
+
         publish = made.append
 
         @staticmethod
@@ -143,6 +144,7 @@ def test_a_reset_does_not_leave_a_trail_across_the_sphere(monkeypatch):
             return 1
 
     class Node:
+
         def create_publisher(self, *_, **__):
             return Publisher
 

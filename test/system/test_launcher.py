@@ -388,6 +388,7 @@ def test_who_is_left_out_is_waited_for_as_long_as_it_takes(processes, monkeypatc
     started = []
 
     class Late(Launcher):
+
         def _links(self):
             found = super()._links()
             if found[1] and time.monotonic() - begun > 1.0 and not started:

@@ -153,6 +153,7 @@ def launch_file(monkeypatch):
         monkeypatch.setitem(sys.modules, name, module)
 
     class LaunchConfiguration:
+
         def __init__(self, name):
             self.name = name
 

@@ -251,6 +251,7 @@ def test_nothing_on_diagnostics_disturbs_the_viewer(formation, visit, probe):
     probe.wait_for(lambda: publisher.get_subscription_count() > 1, 'the viewer')
     for message in (b'\0\1\0\0', b'', b'\0\1\0\0' + b'\xff' * 40, b'\1', b'x' * 5000):
         publisher.publish(message)
+
     def counted():
         return any(f'malformed ({names.DIAGNOSTICS})' in key
                    for message in probe.received[names.DIAGNOSTICS][-40:]

@@ -115,6 +115,7 @@ def _progress():
         return nullcontext(lambda _what, _part: None)
 
     class Bar(Progress):
+
         def __enter__(self):
             super().__enter__()
             task = self.add_task('', total=1.0)

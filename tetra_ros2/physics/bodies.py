@@ -301,11 +301,11 @@ class FloatingBodies(PhysicalBodies):
         """Return what each joint can do, by its name: the same for all bodies."""
         vehicle = self._vehicle
         torque = {int(w): float(limit) for w, limit in zip(vehicle.wheel, vehicle.torque_limits)}
-        return {name: JointLimits(
-                    low, high, self.physics.wheels.speed_limit if k in torque else math.inf,
-                    torque.get(k, math.inf))
-                for k, (name, (low, high)) in enumerate(
-                    zip(vehicle.joints, vehicle.limits.tolist()))}
+        speed = self.physics.wheels.speed_limit
+        return {
+            name: JointLimits(low, high, speed if k in torque else math.inf,
+                              torque.get(k, math.inf))
+            for k, (name, (low, high)) in enumerate(zip(vehicle.joints, vehicle.limits.tolist()))}
 
 
 class Gimbals(PhysicalBodies):
