@@ -39,7 +39,7 @@ DISK = 96
 """Size of the disk that the recorder writes to [MB]; a recording takes some 0.3 MB/s."""
 
 SILENCE = 2.5
-"""Every node reports once a second; who has not for so long [s] is silent."""
+"""Every node reports twice a second; who has not for so long [s] is silent."""
 
 RECORDED = 2.0
 """A recording that has told of states for longer than this [s] has to hold some."""

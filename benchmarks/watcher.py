@@ -56,7 +56,7 @@ FRESH = 0.25
 """How long a topic may be silent and count as alive [s]; each has fifty messages a second."""
 
 ABSENT = 1.5
-"""After which time [s] a node that reports once a second is missed, as an aggregator does."""
+"""After which time [s] a node that reports twice a second is missed, as an aggregator does."""
 
 SILENT = 'says nothing'
 

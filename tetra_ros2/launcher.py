@@ -35,6 +35,7 @@ from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException
 from rclpy.parameter import Parameter
 from rclpy.task import Future
+from tetra_ros2 import signals
 from tetra_ros2.config import configuration
 from tetra_ros2.config.bodies import check_bodies
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, PARAMETERS
@@ -222,9 +223,14 @@ class Launcher:
 
         Who comes in the place of a node that was left out may take its time.
         """
+        with signals.held_back() as release:
+            self._wait_for_links(release)
+
+    def _wait_for_links(self, release: Callable[[], None]) -> None:
         begun = told_at = time.monotonic()
         never = Future(executor=self.executor)
         while True:
+            release()
             missing, awaited, conflicts = self._links()
             now = time.monotonic()
             if conflicts and now - begun > FAREWELL_TIMEOUT:

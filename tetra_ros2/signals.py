@@ -20,11 +20,12 @@ and people do it more often. A signal that finds a process while it loads, or wh
 itself apart, must leave neither a traceback nor a core.
 """
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 import os
 import signal
 from types import FrameType
+from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """What ends a process in good order."""
@@ -63,6 +64,34 @@ def interrupt_once() -> None:
 def interrupted() -> bool:
     """Return whether a signal has raised KeyboardInterrupt."""
     return _interrupted
+
+
+@contextmanager
+def held_back() -> Iterator[Callable[[], None]]:
+    """
+    Keep signals back meanwhile; give a function that lets those that have come do what they do.
+
+    What a signal raises inside a callback of rclpy, rclpy prints as a fatal error.
+    """
+    came: list[int] = []
+    before: dict[int, Any] = {}
+    with suppress(ValueError):  # not the main thread, which signals do not come to
+        for number in SIGNALS:
+            before[number] = signal.signal(number, lambda number, _: came.append(number))
+
+    def restore() -> None:
+        while before:
+            signal.signal(*before.popitem())
+
+    def release() -> None:
+        if came:
+            restore()  # first, as what it does may be to ignore those that follow
+            signal.raise_signal(came.pop(0))
+    try:
+        yield release
+    finally:
+        restore()
+    release()
 
 
 def ignore() -> None:

@@ -280,3 +280,13 @@ def test_any_number_of_signals_does_no_harm(processes, probe, command, number):
     output, _ = process.communicate(timeout=DEADLINE)
     assert process.returncode in ((130, 1) if command[0] == 'launcher' else (0,)), output
     assert 'Traceback' not in output
+
+
+def test_ctrl_c_while_the_launcher_waits_ends_it_without_a_word_of_rclpy(processes):
+    process = processes.tetra('launcher', '--without', 'plant')
+    lines = iter(process.stdout.readline, '')
+    seen = [next(line for line in lines if 'waiting for plant' in line)]
+    process.send_signal(signal.SIGINT)
+    seen += lines
+    assert process.wait(60.0) == 130
+    assert not [line for line in seen if 'FATAL' in line or 'Traceback' in line]

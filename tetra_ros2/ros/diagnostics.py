@@ -28,16 +28,16 @@ ERROR = DiagnosticStatus.ERROR
 MOST_REASONS = 50
 """How many reasons are counted apart; an intruder could think of ever new ones."""
 
-PERIOD = 1.0
+PERIOD = 0.5
 """How often a node reports [s], on a clock that runs even when formation time does not."""
 
 
 class Health:
     """
-    Counts what a node rejects, and reports on ``diagnostics`` once a second.
+    Counts what a node rejects, and reports on ``diagnostics`` twice a second.
 
     What is counted in between is logged with the report, so that a flood of bad messages makes
-    one line a second.
+    one line for each report.
 
     :param node: the rclpy node
     :param assess: called without arguments; returns ``(level, message, values)``, the state of
