@@ -321,6 +321,7 @@ def _child(tree, tests, log, seconds):
     sys.dont_write_bytecode = True
 
     class Killer:
+
         @staticmethod
         def pytest_runtest_logreport(report):
             if report.failed:

@@ -12,9 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-What hypothesis draws: points, attitudes, gains and graphs for the mathematics, bytes for nodes.
-"""
+"""What hypothesis draws: points, attitudes, gains and graphs; bytes for nodes."""
 
 import math
 import struct

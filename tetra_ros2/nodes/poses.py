@@ -36,6 +36,7 @@ LOOK = 1.0
 REPORT_AGAIN = 0.2
 """How long after a report of lost bodies the next one may wait for its turn [s]."""
 
+
 class Poses:
     """
     Listens to the poses of some bodies, and says what is known of their attitudes.
