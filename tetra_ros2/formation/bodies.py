@@ -14,7 +14,7 @@
 
 """The rigid bodies, in plain floats: the plant's state, its exact step, what each sees."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 import math
 
 from tetra_ros2.formation._types import Matrix, Quaternion, Vector
@@ -42,7 +42,7 @@ class RigidBodies:
         for i in range(len(self.axes)):
             self._refresh(i, *self.attitudes[i])
 
-    def step(self, h: float, rates: Iterable[Vector]) -> None:
+    def step(self, h: float, rates: Sequence[Vector]) -> None:
         """
         Turn every body for a time ``h`` [s] at a constant rate: ``R_i <- R_i exp(h w_i^)``.
 

@@ -14,7 +14,7 @@
 
 """One agent, in plain floats: what it does with what it sees."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 import math
 from typing import Any
 
@@ -70,15 +70,16 @@ class Controller:
         self.ahead = AHEAD
         self._clock = clock
         # For each slot the stamp that was refused last, and what was seen.
-        self._suspects: dict[int, tuple[int, Vector]] = {}
+        self._suspects: dict[int, tuple[int, Sequence[float]]] = {}
         self._answered = self._step = 0  # the last round's stamp, and how far it leapt
         self.heard_at = [NEVER] * len(self.weights)
-        self._seen: list[Any] = [None] * len(self.weights)  # a Vector, once there is one
+        self._seen: list[Any] = [None] * len(self.weights)  # x, y, z, once there are any
         self._stamps = [0] * len(self.weights)
         self._all = (1 << len(self.weights)) - 1
         self._missing = self._all  # the slots from which the round still waits, one bit each
 
-    def receive(self, slot: int, stamp: int, seen: Vector, now: float) -> Vector | None:
+    def receive(self, slot: int, stamp: int, seen: Sequence[float],
+                now: float) -> Vector | None:
         """
         Take a measurement; return the angular velocity if it completes a round, otherwise None.
 
@@ -116,7 +117,7 @@ class Controller:
             self._step, self._answered = stamp - self._answered, stamp
         return self.angular_velocity()
 
-    def _doubt(self, slot: int, stamp: int, seen: Vector, now: float) -> None:
+    def _doubt(self, slot: int, stamp: int, seen: Sequence[float], now: float) -> None:
         """
         Raise Rejected for a stamp that is not to be believed, or make room for it.
 

@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 
-def lower_bound(formed, starts, confidence=0.95):
+def lower_bound(formed: int, starts: int, confidence: float = 0.95) -> float:
     """
     Return below which fraction the chance to form is not, with a confidence (Clopper-Pearson).
 
@@ -29,7 +29,8 @@ def lower_bound(formed, starts, confidence=0.95):
     if formed == 0:
         return 0.0
     if formed == starts:
-        return (1.0 - confidence) ** (1.0 / starts)
+        bound: float = (1.0 - confidence) ** (1.0 / starts)
+        return bound
     terms = np.arange(formed, starts + 1)
     choose = np.array([math.lgamma(starts + 1) - math.lgamma(k + 1) - math.lgamma(starts - k + 1)
                        for k in terms])

@@ -232,22 +232,23 @@ def conclude(directory: Path, plan: Plan, form: str, worst: int) -> dict[str, An
     :param form: of the results, ``parquet`` or ``csv``
     :param worst: how many of the slowest starts to keep as configurations
     """
-    columns = {'case': [], 'start': [], 'time_to_form': [], 'chirality': []}
-    summary = {'plan': plan.document(), 'format': form, 'cases': []}
+    chunks: dict[str, list[np.ndarray]] = {
+        'case': [], 'start': [], 'time_to_form': [], 'chirality': []}
+    summary: dict[str, Any] = {'plan': plan.document(), 'format': form, 'cases': []}
     replays = {}
     for which, case in enumerate(plan.cases):
         parts = [np.load(_part(directory, which, chunk)) for chunk in range(plan.chunks)]
         times = np.concatenate([part['times'] for part in parts])
-        columns['case'].append(np.full(plan.starts, which, dtype=np.int16))
-        columns['start'].append(np.arange(plan.starts))
-        columns['time_to_form'].append(times)
-        columns['chirality'].append(np.concatenate([part['chirality'] for part in parts]))
+        chunks['case'].append(np.full(plan.starts, which, dtype=np.int16))
+        chunks['start'].append(np.arange(plan.starts))
+        chunks['time_to_form'].append(times)
+        chunks['chirality'].append(np.concatenate([part['chirality'] for part in parts]))
         slowest = np.argsort(-np.where(np.isnan(times), np.inf, times), kind='stable')[:worst]
         for place, start in enumerate(slowest.tolist(), 1):
             name = f'worst/{case.name}_{place}.yaml'
             replays[name] = _replay(plan, case, start, times[start])
         summary['cases'].append(_summarize(case, times, slowest))
-    columns = {name: np.concatenate(values) for name, values in columns.items()}
+    columns = {name: np.concatenate(values) for name, values in chunks.items()}
     names = [case.name for case in plan.cases]
     if form == 'parquet':
         _write(directory / 'results.parquet', _parquet(columns, names, plan))

@@ -20,6 +20,7 @@ here are a ``std_msgs/Header`` followed by numbers, so that one small codec does
 data representation (CDR) as ROS 2 uses it, of either byte order. On the wire nothing changes.
 """
 
+from collections.abc import Callable, Sequence
 import struct
 
 from tetra_ros2.formation.checks import Rejected
@@ -34,12 +35,12 @@ _LAST_SECOND = 2**31 - 1
 _HEAD = struct.Struct('<4siI')  # encapsulation, sec, nanosec
 
 
-def head(stamp):
+def head(stamp: int) -> bytes:
     """Return how a message of a time [ns] begins; rosgraph_msgs/Clock is no more than that."""
     return _HEAD.pack(_LITTLE_ENDIAN, *divmod(stamp, _NANOSECONDS))
 
 
-def time(message):
+def time(message: bytes) -> int:
     """
     Return the time [ns] at which a message begins, as rosgraph_msgs/Clock does.
 
@@ -53,7 +54,7 @@ def time(message):
     return _time_of(seconds, nanoseconds)
 
 
-def _time_of(seconds, nanoseconds):
+def _time_of(seconds: int, nanoseconds: int) -> int:
     """Return a time [ns], if a clock can give it and a little later can still be said."""
     if not (0 <= seconds < _LAST_SECOND and nanoseconds < _NANOSECONDS):
         raise Rejected(Rejected.IMPOSSIBLE_STAMP)
@@ -69,7 +70,7 @@ class StampedNumbers:
     :param length: value of the sequence length between the two, for types that have one
     """
 
-    def __init__(self, frame_id, count, length=None):
+    def __init__(self, frame_id: str, count: int, length: int | None = None) -> None:
         self.frame_id = frame_id
         self._count = count
         self._length = length
@@ -87,7 +88,7 @@ class StampedNumbers:
         self._whole = struct.Struct(
             f'<III{len(self._name)}s{counted}{len(self._between) - len(between)}x{count}d')
 
-    def encode(self, stamp, *numbers):
+    def encode(self, stamp: int, *numbers: float) -> bytes:
         """
         Return the message as little-endian CDR.
 
@@ -97,7 +98,7 @@ class StampedNumbers:
         return self._pack(_LITTLE_ENDIAN, stamp // _NANOSECONDS, stamp % _NANOSECONDS,
                           self._between, *numbers)
 
-    def encoder(self, message_head):
+    def encoder(self, message_head: bytes) -> tuple[bytes, Callable[..., bytes]]:
         """
         Return what makes messages of one stamp: a prefix, and a function from numbers to the rest.
 
@@ -105,7 +106,7 @@ class StampedNumbers:
         """
         return message_head + self._between, self._pack_numbers
 
-    def decode(self, message):
+    def decode(self, message: bytes) -> tuple[int, Sequence[float]]:
         """
         Return ``(stamp, numbers)``: time [ns] and a sequence of float64, finite or not.
 
@@ -133,7 +134,7 @@ class StampedNumbers:
 
         return decode
 
-    def _layout(self, order, frame_size):
+    def _layout(self, order: str, frame_size: int) -> struct.Struct:
         """Return the layout of what follows the encapsulation: stamp, frame, [length], numbers."""
         body = struct.Struct(f'{order}iII{frame_size}s').size  # alignment counts from here
         padding = ''
@@ -141,7 +142,7 @@ class StampedNumbers:
             padding, body = f'{-body % 4}xI', body + -body % 4 + 4
         return struct.Struct(f'{order}4xiII{frame_size}s{padding}{-body % 8}x{self._count}d')
 
-    def _decode_any(self, message):
+    def _decode_any(self, message: bytes) -> tuple[int, Sequence[float]]:
         """Decode what does not have just the bytes that :meth:`encode` would have written."""
         try:
             order = _ORDERS[bytes(message[:2])]
@@ -162,28 +163,29 @@ class StampedNumbers:
         return _time_of(seconds, nanoseconds), numbers
 
 
-def vector3_stamped(frame_id):
+def vector3_stamped(frame_id: str) -> StampedNumbers:
     """Return the codec of geometry_msgs/Vector3Stamped: x y z."""
     return StampedNumbers(frame_id, 3)
 
 
-def twist_stamped(frame_id):
+def twist_stamped(frame_id: str) -> StampedNumbers:
     """Return the codec of geometry_msgs/TwistStamped: linear x y z, angular x y z."""
     return StampedNumbers(frame_id, 6)
 
 
-def pose_array(frame_id, n):
+def pose_array(frame_id: str, n: int) -> StampedNumbers:
     """Return the codec of geometry_msgs/PoseArray: n times position x y z, quaternion x y z w."""
     return StampedNumbers(frame_id, 7 * n, length=n)
 
 
-def sequence_length(message):
+def sequence_length(message: bytes) -> int:
     """
     Return how many elements the sequence after the header of a message has.
 
     :param message: bytes of a header and a sequence, such as geometry_msgs/PoseArray
     :raises Rejected: if they are too few
     """
+    length: int
     try:
         order = _ORDERS[bytes(message[:2])]
         frame_size, = struct.unpack_from(f'{order}I', message, 12)
@@ -193,7 +195,7 @@ def sequence_length(message):
     return length
 
 
-def trailing_numbers(template, count):
+def trailing_numbers(template: bytes, count: int) -> Callable[..., bytes]:
     """
     Return an encoder of messages that differ in their last numbers only.
 

@@ -38,42 +38,42 @@ PAUSE = 'plant/pause'
 WORLD = 'world'
 
 
-def agent(i):
+def agent(i: int) -> str:
     """Return the name of the node of agent i."""
     return f'agent_{i}'
 
 
-def body_frame(i):
+def body_frame(i: int) -> str:
     """Return the name of the body frame of agent i."""
     return f'agent_{i}'
 
 
-def relative_attitude(i, j):
-    """Return the topic on which agent i is told where agent j points."""
+def relative_attitude(i: int | str, j: int | str) -> str:
+    """Return the topic on which agent i is told where agent j points, or a pattern of such."""
     return f'agent_{i}/relative_attitude/agent_{j}'
 
 
-def cmd_vel(i):
-    """Return the topic on which agent i commands its angular velocity."""
+def cmd_vel(i: int | str) -> str:
+    """Return the topic on which agent i commands its angular velocity, or a pattern of such."""
     return f'agent_{i}/cmd_vel'
 
 
-def joint_states(i):
+def joint_states(i: int) -> str:
     """Return the topic on which the plant tells the joints of body i, if it has any."""
     return f'agent_{i}/joint_states'
 
 
-def body(i):
+def body(i: int) -> str:
     """Return the name of the node that drives the body of agent i."""
     return f'body_{i}'
 
 
-def pose(i):
+def pose(i: int) -> str:
     """Return the topic on which the driver of a body tells its attitude."""
     return f'agent_{i}/pose'
 
 
-def stop(node):
+def stop(node: str) -> str:
     """Return the service that stops the bodies of a node, and lets them go again."""
     return f'{node}/stop'
 
@@ -96,7 +96,7 @@ FORMATION_TOPICS = tuple(_TYPES)
 """Regular expressions of all the topics of a formation, relative to its namespace."""
 
 
-def message_type(topic, namespace='/'):
+def message_type(topic: str, namespace: str = '/') -> str | None:
     """
     Return the type that a formation's topic has by contract, or None if it is not one of it.
 
