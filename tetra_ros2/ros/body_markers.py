@@ -23,6 +23,7 @@ from tetra_ros2.drawing import colors
 from tetra_ros2.formation._types import Vector
 from tetra_ros2.ros import qos
 from tetra_ros2.ros.markers import color_message, PERIOD, set_lifetime
+from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.wire import names
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -51,8 +52,8 @@ class BodyMarkers:
         parts of all bodies, :class:`~tetra_ros2.physics.bodies.Part`
     """
 
-    def __init__(self, node: Any, look: Callable[[], tuple[int, list[Vector], Iterable[Any]]]
-                 ) -> None:
+    def __init__(self, node: FormationNode,
+                 look: Callable[[], tuple[int, list[Vector], Iterable[Any]]]) -> None:
         self._look = look
         self._publisher = node.create_publisher(
             MarkerArray, names.BODIES, qos.PICTURE,

@@ -14,12 +14,23 @@
 
 """The health of a node: what it counts, and how it tells."""
 
+from __future__ import annotations
+
 from collections import Counter
+from collections.abc import Callable, Mapping
 import time
+from typing import Any, TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from tetra_ros2.ros import qos
 from tetra_ros2.wire import names
+
+if TYPE_CHECKING:
+    from tetra_ros2.formation.checks import Rejected
+    from tetra_ros2.ros.node import FormationNode
+
+Assessment = tuple[bytes, str, dict[str, Any]]
+"""How a node is: a level, one of the three below, a message and figures."""
 
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
@@ -44,36 +55,36 @@ class Health:
         the node in a word, and a mapping of figures
     """
 
-    def __init__(self, node, assess):
-        self.rejected = Counter()
+    def __init__(self, node: FormationNode, assess: Callable[[], Assessment]) -> None:
+        self.rejected: Counter[str] = Counter()
         self.exceptions = 0  # raised by callbacks, and survived
         self._last_exception = ''
         self.message = ''  # of the last report
         self._node = node
         self._assess = assess
-        self._logged = Counter()
+        self._logged: Counter[str] = Counter()
         self._exceptions_told = 0
-        self._level = OK
-        self._counts = {}
+        self._level: bytes = OK
+        self._counts: dict[str, int] = {}
         self._counted_at = time.monotonic()
         self._publisher = node.offer(DiagnosticArray, names.DIAGNOSTICS, qos.REPORTS)
         self._timer = node.create_steady_timer(PERIOD, self.report)
 
-    def reject(self, reason, source):
+    def reject(self, reason: Rejected | str, source: str) -> None:
         """Count a message that was dropped: why, and on which topic or of whom."""
         key = f'{reason} ({source})'
         if len(self.rejected) >= MOST_REASONS and key not in self.rejected:
             key = f'{str(reason).partition(":")[0]} (and others)'
         self.rejected[key] += 1
 
-    def survive(self, error):
+    def survive(self, error: Exception) -> None:
         """Count what a callback has raised, log it, and go on."""
         self.exceptions += 1
         self._last_exception = f'{type(error).__name__}: {error}'
         self._node.get_logger().error(
             f'survived: {self._last_exception}', throttle_duration_sec=PERIOD)
 
-    def rates(self, counts):
+    def rates(self, counts: Mapping[str, int]) -> dict[str, float]:
         """
         Return how often things happened since the last call [Hz], given how often they ever did.
 
@@ -86,7 +97,7 @@ class Health:
         self._counts, self._counted_at = dict(counts), now
         return rates
 
-    def report(self):
+    def report(self) -> None:
         """Publish and log the state of the node."""
         level, message, values = self._assess()
         if conflicts := self._node.publisher_conflicts():
@@ -123,7 +134,7 @@ class Health:
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
 
-    def _log(self, level, message, news):
+    def _log(self, level: bytes, message: str, news: Counter[str]) -> None:
         """Log what has changed; rclpy wants each severity to have a line of its own."""
         logger = self._node.get_logger()
         if level == OK:
@@ -136,6 +147,6 @@ class Health:
                 logger.error(message)
 
 
-def _text(value):
+def _text(value: object) -> str:
     """Return a figure as text that a person can read and a program can parse."""
     return f'{value:.6g}' if isinstance(value, float) else str(value)

@@ -14,14 +14,20 @@
 
 """Spinning: which executor, how long at a time, and how a process ends."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import gc
 import os
+from pathlib import Path
 import signal
+from types import FrameType
+from typing import Any, TYPE_CHECKING, TypeVar
 
 from rclpy.context import Context
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.task import Future
 from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
@@ -31,6 +37,11 @@ try:
     from rclpy.experimental.events_executor import EventsExecutor
 except ImportError:  # an rclpy older than 7.1.3
     from rclpy.executors import SingleThreadedExecutor as EventsExecutor
+
+if TYPE_CHECKING:
+    from tetra_ros2.ros.node import FormationNode
+
+N = TypeVar('N', bound='FormationNode')
 
 SPIN_PERIOD = 10.0
 """
@@ -49,12 +60,12 @@ LARGEST_DOMAIN = 232
 """The largest ROS domain: those above it would need ports that there are not."""
 
 
-def make_executor(context):
+def make_executor(context: Context) -> Executor:
     """Return the executor that all of this package's nodes spin in."""
     return EventsExecutor(context=context)
 
 
-def spin_some(executor, future, timeout=SPIN_PERIOD):
+def spin_some(executor: Executor, future: Future, timeout: float = SPIN_PERIOD) -> None:
     """
     Spin until the future is done, or the time is over and nothing is left to do.
 
@@ -77,12 +88,12 @@ def spin_some(executor, future, timeout=SPIN_PERIOD):
         raise ExternalShutdownException
 
 
-def look_for_signals(node):
+def look_for_signals(node: FormationNode) -> None:
     """Have a timer of a node run now and then, as Python sees signals only while it runs."""
     node.create_steady_timer(SIGNAL_PERIOD, lambda: None)
 
 
-def spare_collections():
+def spare_collections() -> None:
     """
     Keep the garbage collector from looking again at all that a process has made so far.
 
@@ -93,7 +104,7 @@ def spare_collections():
 
 
 @contextmanager
-def until_signalled(executor):
+def until_signalled(executor: Executor) -> Iterator[Future]:
     """
     Give a future that the first SIGINT or SIGTERM completes; those that follow do nothing.
 
@@ -103,7 +114,7 @@ def until_signalled(executor):
     """
     future = Future(executor=executor)
 
-    def stop(number, _frame):
+    def stop(number: int, _frame: FrameType | None) -> None:
         if not future.done():
             future.set_result(number)
 
@@ -115,12 +126,12 @@ def until_signalled(executor):
         signals.ignore()
 
 
-def local_by_default():
+def local_by_default() -> None:
     """Keep the traffic on this machine, unless the environment says otherwise."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
-def look_around():
+def look_around() -> None:
     """
     Learn of all nodes and topics from a discovery server too, if there is one.
 
@@ -131,7 +142,8 @@ def look_around():
         os.environ.setdefault('ROS_SUPER_CLIENT', 'TRUE')
 
 
-def ros_arguments(config=None, arguments=()):
+def ros_arguments(config: str | Path | None = None,
+                  arguments: Sequence[str] = ()) -> tuple[list[str], dict[str, Any]]:
     """
     Return how a context and how its nodes are to be initialised.
 
@@ -146,7 +158,7 @@ def ros_arguments(config=None, arguments=()):
     return ['--ros-args', *file, *arguments], {'cli_args': ['--ros-args', *arguments]}
 
 
-def initialize(context, arguments):
+def initialize(context: Context, arguments: list[str]) -> None:
     """
     Initialise a context, without rclpy's signal handlers; see to the shared memory first.
 
@@ -165,7 +177,7 @@ def initialize(context, arguments):
         raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from None
 
 
-def _make(make_node, **kwargs):
+def _make(make_node: Callable[..., N], **kwargs: Any) -> N:
     try:
         return make_node(**kwargs)
     except ConfigurationError:
@@ -175,7 +187,8 @@ def _make(make_node, **kwargs):
         raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from error
 
 
-def run(make_node, config=None, arguments=()):
+def run(make_node: Callable[..., FormationNode], config: str | Path | None = None,
+        arguments: Sequence[str] = ()) -> int:
     """
     Run one node until it is signalled or shut down; the body of every node's ``main``.
 

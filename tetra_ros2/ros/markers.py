@@ -15,14 +15,18 @@
 """The formation as markers, for RViz and Foxglove: sphere, axes, trails, faces, labels."""
 
 from collections import deque
+from collections.abc import Callable, Sequence
 
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point
 import numpy as np
+from numpy.typing import ArrayLike
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import ColorRGBA
 from tetra_ros2.drawing import colors, geometry
+from tetra_ros2.formation._types import Array, Vector
 from tetra_ros2.ros import qos
+from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.wire import names
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -48,17 +52,18 @@ class Markers:
         reduced attitudes ``(n, 3)``, or None
     """
 
-    def __init__(self, node, look):
+    def __init__(self, node: FormationNode,
+                 look: Callable[[], tuple[int, Array] | None]) -> None:
         self._look = look
-        self._trails = deque(maxlen=TRAIL)
-        self._stamp = None
+        self._trails: deque[Array] = deque(maxlen=TRAIL)
+        self._stamp = 0  # of the last of them [ns]
         # Not one of the node's outputs: those are recorded, and this is nothing new.
         self._publisher = node.create_publisher(
             MarkerArray, names.MARKERS, qos.PICTURE,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
         node.create_steady_timer(PERIOD, self.refresh)
 
-    def refresh(self):
+    def refresh(self) -> None:
         """Publish the last state, if there is one and somebody to see it."""
         if not self._publisher.get_subscription_count():
             self._trails.clear()
@@ -75,7 +80,7 @@ class Markers:
         self._publisher.publish(make_markers(stamp, gamma, self._trails))
 
 
-def make_markers(stamp, gamma, trails):
+def make_markers(stamp: int, gamma: Array, trails: Sequence[Array]) -> MarkerArray:
     """
     Return the markers of a state.
 
@@ -84,7 +89,8 @@ def make_markers(stamp, gamma, trails):
     :param trails: reduced attitudes before and at that time, each ``(n, 3)``
     :returns: a ``visualization_msgs/MarkerArray`` in the frame ``world``
     """
-    def marker(namespace, number, kind, color, opacity=1.0, scale=(0.0, 0.0, 0.0)):
+    def marker(namespace: str, number: int, kind: int, color: str, opacity: float = 1.0,
+               scale: Vector = (0.0, 0.0, 0.0)) -> Marker:
         made = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD)
         made.header.frame_id = names.WORLD
         made.header.stamp.sec, made.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
@@ -95,7 +101,7 @@ def make_markers(stamp, gamma, trails):
         markers.append(made)
         return made
 
-    markers = []
+    markers: list[Marker] = []
     marker('sphere', 0, Marker.SPHERE, colors.SPHERE, 0.25, (2.0, 2.0, 2.0))
     faces = marker('faces', 0, Marker.TRIANGLE_LIST, colors.FACE, 0.35, (1.0, 1.0, 1.0))
     faces.points = _points(gamma[geometry.faces(gamma).ravel()])
@@ -119,7 +125,7 @@ def make_markers(stamp, gamma, trails):
         or len(m.points) > 1])
 
 
-def _filled(way):
+def _filled(way: Array) -> Array:
     """Return a trail with points on the sphere between those that are far apart."""
     gaps = np.arccos(np.clip(np.sum(way[:-1] * way[1:], axis=-1), -1.0, 1.0))
     pieces = [way[:1]]
@@ -128,16 +134,16 @@ def _filled(way):
     return np.concatenate(pieces)
 
 
-def _points(vectors):
+def _points(vectors: ArrayLike) -> list[Point]:
     return [Point(x=x, y=y, z=z) for x, y, z in np.asarray(vectors, dtype=float).tolist()]
 
 
-def set_lifetime(marker):
+def set_lifetime(marker: Marker) -> None:
     """Let a marker vanish when no other takes its place."""
     marker.lifetime = Duration(sec=int(LIFETIME), nanosec=round(LIFETIME % 1 * 1e9))
 
 
-def color_message(color, opacity):
+def color_message(color: str, opacity: float) -> ColorRGBA:
     """Return a color as the messages have it."""
     red, green, blue = colors.unit_rgb(color)
     return ColorRGBA(r=red, g=green, b=blue, a=opacity)

@@ -14,20 +14,29 @@
 
 """What the nodes of a formation have in common."""
 
+from collections.abc import Callable, Iterator
 from copy import copy
 from functools import partial
+from typing import Any, TYPE_CHECKING
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import QoSPolicyKind, ReliabilityPolicy
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from tetra_ros2.ros.diagnostics import Health
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from tetra_ros2.ros.diagnostics import Assessment, Health
+
+if TYPE_CHECKING:
+    from rclpy.impl.rcutils_logger import RcutilsLogger
 
 
-def raw_publish(publisher):
+def raw_publish(publisher: Publisher) -> Callable[[bytes], None]:
     """
     Return the function that publishes bytes, the quickest there is.
 
@@ -48,21 +57,29 @@ class FormationNode(Node):
     :param args: the node's name, and what rclpy's Node takes beside it
     """
 
-    def __init__(self, *args, **kwargs):
+    if TYPE_CHECKING:  # what rclpy has without types
+        def get_logger(self) -> RcutilsLogger:
+            """Return what logs in the node's name."""
+
+        def destroy_node(self) -> None:
+            """Destroy the node."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.inputs = []  # subscriptions
-        self.outputs = []  # publishers
-        self._queued = []  # the subscriptions that this node reads itself
-        self.exclusive_outputs = []  # names of topics on which nobody else may publish
+        self.inputs: list[Subscription] = []
+        self.outputs: list[Publisher] = []
+        self._queued: list[Subscription] = []  # those that this node reads itself
+        self.exclusive_outputs: list[str] = []  # names of topics on which nobody else may publish
         self.exclusive_inputs = True  # whether one publisher is right for each subscription
-        self.health = None
+        self.health: Health = None  # type: ignore[assignment]  # until report_health()
         # One for all timers of the node: the events executor keeps a thread for each clock.
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.exit_status = 0  # of the process that runs this node
 
     # Profiles are copied: rclpy writes what is overridden into the very object it is given.
 
-    def listen(self, message_type, topic, callback, profile, guarded=True):
+    def listen(self, message_type: type, topic: str, callback: Callable[[bytes], None],
+               profile: QoSProfile, guarded: bool = True) -> Subscription:
         """
         Subscribe to the bytes of a topic, with quality of service open to overrides.
 
@@ -70,16 +87,16 @@ class FormationNode(Node):
             itself, which is quicker
         :returns: the subscription
         """
-        receive = self._guard(callback) if guarded else callback
-        subscription = self.create_subscription(
+        receive: Callable[[bytes], None] = self._guard(callback) if guarded else callback
+        subscription: Subscription = self.create_subscription(
             message_type, topic, receive, copy(profile), raw=True,
-            event_callbacks=self._events(
-                topic, 'publishers', lambda: self._relax(subscription)),
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._misfit(
+                topic, 'publishers', lambda: self._relax(subscription))),
             qos_overriding_options=self._overriding(topic))
         self.inputs.append(subscription)
         return subscription
 
-    def _overriding(self, topic):
+    def _overriding(self, topic: str) -> QoSOverridingOptions | None:
         """
         Return the options for a topic whose quality of service the user overrides, else None.
 
@@ -89,7 +106,7 @@ class FormationNode(Node):
         overridden = any(name.startswith(prefix) for name in self._parameter_overrides)
         return QoSOverridingOptions.with_default_policies() if overridden else None
 
-    def _relax(self, subscription):
+    def _relax(self, subscription: Subscription) -> None:
         """
         Subscribe with best effort, which goes with every publisher, in the place of reliably.
 
@@ -102,13 +119,14 @@ class FormationNode(Node):
         profile.reliability = ReliabilityPolicy.BEST_EFFORT
         self.inputs[self.inputs.index(subscription)] = self.create_subscription(
             subscription.msg_type, topic, subscription.callback, profile, raw=True,
-            event_callbacks=self._events(topic, 'publishers'))
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=self._misfit(topic, 'publishers')))
         self.destroy_subscription(subscription)
         self.get_logger().info(f'{topic}: taken with best effort, as its publisher offers no more')
 
-    def _guard(self, callback):
+    def _guard(self, callback: Callable[..., Any]) -> Callable[..., Any]:
         """Return a callback that survives whatever it raises, and has it counted."""
-        def guarded(*arguments):
+        def guarded(*arguments: Any) -> Any:
             try:
                 return callback(*arguments)
             except ExternalShutdownException:
@@ -120,7 +138,8 @@ class FormationNode(Node):
                 return arguments[-1] if len(arguments) == 2 else None  # a service's response
         return guarded
 
-    def _events(self, topic, who, relax=None):
+    def _misfit(self, topic: str, who: str,
+                relax: Callable[[], None] | None = None) -> Callable[[Any], None]:
         """
         Return what names quality of service that does not fit for what it is.
 
@@ -131,25 +150,27 @@ class FormationNode(Node):
         name = self.resolve_topic_name(topic)
         asked = f'qos_overrides.{name}.subscription.reliability' in self._parameter_overrides
 
-        def on_incompatible(event):
+        def on_incompatible(event: Any) -> None:
             policy = event.last_policy_kind
             if relax is not None and policy == QoSPolicyKind.RELIABILITY and not asked:
+                def soon() -> None:
+                    self.destroy_timer(timer)
+                    relax()
+
                 # Not now: what has the event is what is to be destroyed.
-                timer = self.create_steady_timer(0.0, lambda: (self.destroy_timer(timer), relax()))
+                timer = self.create_steady_timer(0.0, soon)
                 return
             self.get_logger().warning(
                 f'{name}: {event.total_count} {who} have a quality of service that does not fit, '
                 f'the last in its {QoSPolicyKind(policy).name.lower()}')
-        if who == 'publishers':
-            return SubscriptionEventCallbacks(incompatible_qos=on_incompatible)
-        return PublisherEventCallbacks(incompatible_qos=on_incompatible)
+        return on_incompatible
 
     @property
-    def subscriptions(self):
+    def subscriptions(self) -> Iterator[Subscription]:
         """Give the subscriptions that an executor is to look after."""
         return (s for s in super().subscriptions if s not in self._queued)
 
-    def queue(self, subscription):
+    def queue(self, subscription: Subscription) -> Callable[[], tuple[Any, Any] | None]:
         """
         Read a subscription's messages when it suits this node, instead of being called for each.
 
@@ -161,7 +182,8 @@ class FormationNode(Node):
         self._queued.append(subscription)
         return partial(subscription.handle.take_message, subscription.msg_type, subscription.raw)
 
-    def offer(self, message_type, topic, profile, exclusive=False):
+    def offer(self, message_type: type, topic: str, profile: QoSProfile,
+              exclusive: bool = False) -> Publisher:
         """
         Return a publisher, with quality of service open to overrides.
 
@@ -169,35 +191,43 @@ class FormationNode(Node):
         """
         publisher = self.create_publisher(
             message_type, topic, copy(profile),
-            event_callbacks=self._events(topic, 'subscribers'),
+            event_callbacks=PublisherEventCallbacks(
+                incompatible_qos=self._misfit(topic, 'subscribers')),
             qos_overriding_options=self._overriding(topic))
         self.outputs.append(publisher)
         if exclusive:
             self.exclusive_outputs.append(publisher.topic_name)
         return publisher
 
-    def create_timer(self, period, callback, *args, **kwargs):
+    def create_timer(self, timer_period_sec: float, callback: Callable[[], Any], *args: Any,
+                     **kwargs: Any) -> Timer:
         """Return a timer [s] whose callback may fail and is called again all the same."""
-        return super().create_timer(period, self._guard(callback), *args, **kwargs)
+        return super().create_timer(timer_period_sec, self._guard(callback), *args, **kwargs)
 
-    def create_service(self, kind, name, callback, *args, **kwargs):
+    def create_service(self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any],
+                       *args: Any, **kwargs: Any) -> Service:
         """Return a service that answers even if its callback fails."""
-        return super().create_service(kind, name, self._guard(callback), *args, **kwargs)
+        return super().create_service(
+            srv_type, srv_name, self._guard(callback), *args, **kwargs)
 
-    def create_steady_timer(self, period, callback):
+    def create_steady_timer(self, period: float, callback: Callable[[], Any]) -> Timer:
         """Return a timer [s] that fires however formation time passes."""
         return self.create_timer(period, callback, clock=self.steady_clock)
 
-    def publisher_conflicts(self):
+    def publisher_conflicts(self) -> list[str]:
         """Return the topics with more than one publisher where one is right."""
         topics = {topic for topic in self.exclusive_outputs if self.count_publishers(topic) > 1}
         if self.exclusive_inputs:
             topics |= {s.topic_name for s in self.inputs if s.get_publisher_count() > 1}
         return sorted(topics)
 
-    def report_health(self):
+    def assess(self) -> Assessment:
+        """Return level, message and figures for the diagnostics."""
+        raise NotImplementedError
+
+    def report_health(self) -> None:
         """Begin to report on ``diagnostics``."""
         self.health = Health(self, self.assess)
 
-    def close(self):
+    def close(self) -> None:
         """Do what is to be done while the node can still publish."""

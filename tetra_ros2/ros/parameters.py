@@ -14,7 +14,9 @@
 
 """Declaring this package's parameters to ROS, and following their changes."""
 
+from collections.abc import Callable, Iterable
 import math
+from typing import Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -23,7 +25,9 @@ from rcl_interfaces.msg import (
     ParameterType,
     SetParametersResult,
 )
+from rclpy.node import Node
 from rclpy.parameter import Parameter
+from tetra_ros2.config import parameters
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, PARAMETERS
 from tetra_ros2.formation import gain as gains
 
@@ -40,7 +44,8 @@ _LISTS = {
 }
 
 
-def declare(node, kind, accept, apply):
+def declare(node: Node, kind: str, accept: Callable[[dict[str, Any]], object],
+            apply: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
     """
     Declare the parameters of a kind of node, and keep them right as long as the node lives.
 
@@ -54,12 +59,12 @@ def declare(node, kind, accept, apply):
     """
     specs = {spec.name: spec for spec in PARAMETERS[kind]}
 
-    def values(changes=()):
+    def values(changes: Iterable[Parameter] = ()) -> dict[str, Any]:
         given = {name: node.get_parameter(name).value for name in specs}
         given.update((p.name, p.value) for p in changes if p.name in specs)
         return check_parameters(kind, {k: v for k, v in given.items() if v is not None})
 
-    def on_set(changes):
+    def on_set(changes: list[Parameter]) -> SetParametersResult:
         for change in changes:
             if change.name in specs and change.type_ == Parameter.Type.NOT_SET:
                 return SetParametersResult(
@@ -94,12 +99,12 @@ def declare(node, kind, accept, apply):
     return start
 
 
-def _plain(default):
+def _plain(default: Any) -> Any:
     """Return a default as rclpy takes it."""
     return list(default) if isinstance(default, tuple) else default
 
 
-def describe(spec):
+def describe(spec: parameters.Parameter) -> ParameterDescriptor:
     """
     Return the descriptor of a parameter.
 
@@ -113,7 +118,7 @@ def describe(spec):
         dynamic_typing=True,
         type=_LISTS[spec.items] if spec.items else _TYPES[type(spec.default)],
     )
-    if spec.minimum is not None and math.isfinite(spec.maximum):
+    if spec.minimum is not None and spec.maximum is not None and math.isfinite(spec.maximum):
         if type(spec.default) is int:
             descriptor.integer_range = [
                 IntegerRange(from_value=spec.minimum, to_value=spec.maximum, step=1)]

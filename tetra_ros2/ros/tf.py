@@ -18,9 +18,9 @@ from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
-from rclpy.node import Node
 from rclpy.time import Time
 from tetra_ros2.formation._types import Array
+from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.wire import names
 
 DEPTH = 100
@@ -44,7 +44,7 @@ class Transforms:
     :param look: returns the last :data:`State`, or None
     """
 
-    def __init__(self, node: Node, look: Callable[[], State | None]) -> None:
+    def __init__(self, node: FormationNode, look: Callable[[], State | None]) -> None:
         self._look = look
         self._last = 0  # the stamp that was sent last [ns]
         try:
