@@ -292,26 +292,22 @@ class Launcher:
         observer = self.monitor.observer
         if observer.stamp is None or observer.first_stamp is None:
             return 0.0
-        elapsed: float = (observer.stamp - observer.first_stamp) / 1e9
-        return elapsed
+        return (observer.stamp - observer.first_stamp) / 1e9
 
     @property
     def error(self) -> float:
         """Return the last formation error; see :class:`~tetra_ros2.formation.summary.Summary`."""
-        error: float = self.monitor.observer.error
-        return error
+        return self.monitor.observer.error
 
     @property
     def reduced_attitudes(self) -> Array:
         """Return the last Gamma, unit vectors in the world frame, ``(n, 3)``."""
-        gamma: Array = self.monitor.observer.reduced_attitudes
-        return gamma
+        return self.monitor.observer.reduced_attitudes
 
     @property
     def attitudes(self) -> Array:
         """Return the last attitudes, unit quaternions x y z w, body to world, ``(n, 4)``."""
-        attitudes: Array = self.monitor.observer.attitudes
-        return attitudes
+        return self.monitor.observer.attitudes
 
     def run_for(self, seconds: float, interrupt: Future | None = None,
                 stall_timeout: float = STALL_TIMEOUT) -> bool:
@@ -332,7 +328,7 @@ class Launcher:
             if interrupt is not None and interrupt.done():
                 return False
         # Count on from where the last run was to end, which may be less than a step ago.
-        stamp = self.monitor.observer.stamp
+        stamp = self.monitor.observer.stamp or 0
         period = period_of(self.plant.rate) if self.plant is not None else 0
         begin = self._target if 0 <= stamp - self._target < period else stamp
         self._target = begin + round(seconds * 1e9)

@@ -19,13 +19,18 @@ It knows its own pointing axis, its gain and its row of the weights. No absolute
 this process, and no description of the formation that is to come of it.
 """
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 import time
+from typing import Any
 
 from geometry_msgs.msg import TwistStamped, Vector3Stamped
 from rclpy.duration import Duration
+from rclpy.timer import Timer
 from tetra_ros2.config.configuration import formation_from_parameters, gain_from_parameters
 from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.formation._types import Vector
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.controller import Controller
 from tetra_ros2.ros import diagnostics, executor, parameters, qos
@@ -45,7 +50,7 @@ class Agent(FormationNode):
     :raises ConfigurationError: if a parameter is not valid, or there is no agent i
     """
 
-    def __init__(self, i, **kwargs):
+    def __init__(self, i: int, **kwargs: Any) -> None:
         super().__init__(names.agent(i), **kwargs)
         values = parameters.declare(self, 'agent', self._accept, self._apply)
         formation = formation_from_parameters(values)
@@ -62,13 +67,13 @@ class Agent(FormationNode):
         self._measurement = cdr.vector3_stamped(names.body_frame(i))
         self._encode = cdr.twist_stamped(names.body_frame(i)).encode
         self._before = 0, 0  # measurements and answers, until the last tick
-        self._state = diagnostics.WARN, 'waiting for measurements'
+        self._state: tuple[bytes, str] = diagnostics.WARN, 'waiting for measurements'
         self._newest = 0  # stamp of the newest measurement ever answered [ns]
         self.answers = self.partial_answers = self.stops = 0
-        self._held = []  # topics with two publishers, while this agent holds still for it
+        self._held: list[str] = []  # topics with two publishers, while it holds still for that
         # Silence is measured in the time that the formation lives in.
         self._clock_of_ticks = self.steady_clock
-        self._now = time.monotonic
+        self._now: Callable[[], float] = time.monotonic
         if self.get_parameter('use_sim_time').value:
             self._clock_of_ticks = self.get_clock()
             self._now = self._sim_time
@@ -80,34 +85,35 @@ class Agent(FormationNode):
             self.listen(Vector3Stamped, names.relative_attitude(i, j),
                         self._receiver(slot, f'agent_{j}'), qos.NEWEST, guarded=False)
         self.report_health()
-        self._ticker = None
+        self._ticker: Timer | None = None
         self._apply(values)
         if not neighbors:
             self.get_logger().warning('this agent sees nobody and will never move')
 
-    def _own_time(self):
+    def _own_time(self) -> int:
         """Return the time of this node's clock [ns], which a true stamp is near in real time."""
         return self.get_clock().now().nanoseconds
 
-    def _sim_time(self):
+    def _sim_time(self) -> float:
         return self.get_clock().now().nanoseconds / 1e9
 
-    def close(self):
+    def close(self) -> None:
         """Stop the body, for good: the last command is zero."""
-        self._ticker.cancel()
+        if self._ticker is not None:
+            self._ticker.cancel()
         while self.inputs:  # nothing may be answered after the last command
             self.destroy_subscription(self.inputs.pop())
         self._stop()
         # The plant may listen with best effort; it has a time-out of its own for the worst case.
         self._publisher.wait_for_all_acked(Duration(seconds=0.5))
 
-    def _accept(self, values):
+    def _accept(self, values: Mapping[str, Any]) -> None:
         formation_from_parameters(values)
 
-    def _apply(self, values):
+    def _apply(self, values: Mapping[str, Any]) -> None:
         """Follow the parameters that may change at run time."""
         self._controller.gain = gain_from_parameters(values)
-        self._timeout = values['measurement_timeout']
+        self._timeout: float = values['measurement_timeout']
         self._controller.ahead = round(1e9 * (min(self._timeout, 1e6) + MARGIN))
         self._hold = values['on_publisher_conflict'] == 'hold'
         period = 1.0 / values['rate']
@@ -116,12 +122,12 @@ class Agent(FormationNode):
                 self.destroy_timer(self._ticker)
             self._ticker = self.create_timer(period, self._on_tick, clock=self._clock_of_ticks)
 
-    def _receiver(self, slot, source):
+    def _receiver(self, slot: int, source: str) -> Callable[[bytes], None]:
         """Return what hands the measurements of a neighbour to the law, and sends its answers."""
         # The busiest callback of an agent: it has at hand what it needs.
         decode, receive, now = self._measurement.decoder(), self._controller.receive, self._now
 
-        def on_measurement(message):
+        def on_measurement(message: bytes) -> None:
             try:
                 stamp, seen = decode(message)
                 rate = receive(slot, stamp, seen, now())
@@ -138,18 +144,18 @@ class Agent(FormationNode):
         return on_measurement
 
     @property
-    def measurements(self):
+    def measurements(self) -> int:
         """Return how many measurements were taken."""
         return self._controller.received
 
-    def _on_tick(self):
+    def _on_tick(self) -> None:
         """Answer with what there is, or stop, if no full set came since the last time."""
         controller = self._controller
         now = controller.received, self.answers
         heard, answered = (a != b for a, b in zip(now, self._before))
         self._before = now
         newest = controller.stamp
-        self._held = self._hold and self.publisher_conflicts()
+        self._held = self.publisher_conflicts() if self._hold else []
         if self._held:
             if newest:
                 self._newest = newest
@@ -179,7 +185,7 @@ class Agent(FormationNode):
             else:
                 self._state = diagnostics.WARN, f'waiting for measurements of {unseen}'
 
-    def _stop(self):
+    def _stop(self) -> None:
         """Command zero, if anything else was ever commanded."""
         # One nanosecond after the newest measurement: newer than every command so far, and the
         # answer to no measurement, for which a plant in lockstep could take it.
@@ -187,10 +193,10 @@ class Agent(FormationNode):
             self._publish(self._newest + 1, (0.0, 0.0, 0.0))
             self.stops += 1
 
-    def _publish(self, stamp, rate):
+    def _publish(self, stamp: int, rate: Vector) -> None:
         self._send(self._encode(stamp, 0.0, 0.0, 0.0, *rate))
 
-    def assess(self):
+    def assess(self) -> diagnostics.Assessment:
         """Return level, message and figures for the diagnostics."""
         now = self._now()
         rates = self.health.rates({
@@ -205,6 +211,6 @@ class Agent(FormationNode):
         return *self._state, values
 
 
-def main(i, config=None, arguments=()):
+def main(i: int, config: str | Path | None = None, arguments: Sequence[str] = ()) -> int:
     """Run agent i until it is signalled; see :func:`tetra_ros2.ros.executor.run`."""
     return executor.run(partial(Agent, i), config, arguments)

@@ -20,9 +20,10 @@ Between the two stands a watchdog: silence, or a command too fast, holds the bod
 tried again until it is back.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 import time
 from typing import Any
 
@@ -76,7 +77,7 @@ class Body(FormationNode):
         self._timer = self.create_steady_timer(self._period, self._on_timer)
 
     @staticmethod
-    def _accept(values: Any) -> None:
+    def _accept(values: Mapping[str, Any]) -> None:
         drivers.find(values['driver'])
         drivers.options(values['driver_options'])
 
@@ -156,7 +157,7 @@ class Body(FormationNode):
         self.get_logger().error(f'the body is lost: {reason}')
         self._let_go()
 
-    def assess(self) -> tuple[bytes, str, dict[str, Any]]:
+    def assess(self) -> diagnostics.Assessment:
         """Return level, message and figures for the diagnostics."""
         _, state = self.watchdog.rate(time.monotonic())
         values = {'driver': self._kind.__name__, 'losses': self.losses,
@@ -170,7 +171,6 @@ class Body(FormationNode):
         return level, state, values
 
 
-def main(i: int, config: Any = None, arguments: Any = ()) -> int:
+def main(i: int, config: str | Path | None = None, arguments: Sequence[str] = ()) -> int:
     """Drive body i until it is signalled; see :func:`tetra_ros2.ros.executor.run`."""
-    status: int = executor.run(partial(Body, i), config, arguments)
-    return status
+    return executor.run(partial(Body, i), config, arguments)

@@ -15,10 +15,11 @@
 """What the plant and the sensors publish: the state, and what everybody sees of it."""
 
 from collections.abc import Callable, Collection, Sequence
-from typing import Any
+from typing import Protocol
 
 from geometry_msgs.msg import PoseArray, Vector3Stamped
-from tetra_ros2.formation.bodies import RigidBodies
+from tetra_ros2.formation._types import Quaternion, Vector
+from tetra_ros2.formation.sensing import SeenBy
 from tetra_ros2.formation.topology import Topology
 from tetra_ros2.ros import qos
 from tetra_ros2.ros.node import FormationNode, raw_publish
@@ -28,8 +29,21 @@ NOBODY: frozenset[int] = frozenset()
 EVERYBODY = -1
 """All agents, as the bits of an integer."""
 
-_Sensor = tuple[int, list[int], list[Callable[[bytes], None]], Any]
+_Sensor = tuple[int, list[int], list[Callable[[bytes], None]],
+                Callable[[bytes], tuple[bytes, Callable[..., bytes]]]]
 """Index of an agent, those of whom it sees, how to tell it of each of them, and the codec."""
+
+
+class State(Protocol):
+    """What is published of bodies."""
+
+    @property
+    def attitudes(self) -> Sequence[Quaternion]:
+        """Return unit quaternions x y z w, body to world."""
+
+    @property
+    def reduced(self) -> Sequence[Vector]:
+        """Return the reduced attitudes."""
 
 
 class Measurements:
@@ -62,8 +76,7 @@ class Measurements:
         for i, seen, *_ in self._sensors:
             self.others[i] = seen
 
-    def publish(self, stamp: int, bodies: RigidBodies,
-                seen_by: Callable[[int, Sequence[int]], Any],
+    def publish(self, stamp: int, bodies: State, seen_by: SeenBy,
                 lost: Collection[int] = NOBODY) -> None:
         """
         Publish the state and what everybody sees of it, as of the time ``stamp`` [ns].
@@ -83,8 +96,8 @@ class Measurements:
         prefix, pack = self._state.encoder(head)
         self._send_state(prefix + pack(*state))
 
-    def tell(self, head: bytes, seen_by: Callable[[int, Sequence[int]], Any],
-             lost: Collection[int] = NOBODY, agents: int = EVERYBODY) -> None:
+    def tell(self, head: bytes, seen_by: SeenBy, lost: Collection[int] = NOBODY,
+             agents: int = EVERYBODY) -> None:
         """
         Publish what everybody sees.
 

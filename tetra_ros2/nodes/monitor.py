@@ -19,20 +19,25 @@ Unlike an agent it sees absolute attitudes and knows what is to come out; nobody
 but people.
 """
 
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 import time
+from typing import Any
 
 from geometry_msgs.msg import PoseArray
 import numpy as np
 from rclpy.serialization import serialize_message
+from rclpy.task import Future
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.formation import shapes
+from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.observer import Observer
 from tetra_ros2.ros import diagnostics, executor, parameters, qos
 from tetra_ros2.ros.markers import Markers
 from tetra_ros2.ros.node import FormationNode, raw_publish
-from tetra_ros2.ros.tf import Transforms
+from tetra_ros2.ros.tf import State, Transforms
 from tetra_ros2.wire import cdr, names
 
 HOLD = 500_000_000
@@ -53,15 +58,16 @@ class Monitor(FormationNode):
     :raises ConfigurationError: if a parameter is not valid
     """
 
-    def __init__(self, **kwargs):
+    def __init__(self, **kwargs: Any) -> None:
         super().__init__(names.MONITOR, **kwargs)
         values = parameters.declare(self, 'monitor', formation_from_parameters, self._apply)
         self.formation = formation = formation_from_parameters(values)
         self.observer = self._make_observer(values['tolerance'])
         self._old = 0  # how many old stamps in a row
         self._heard_at = self._interval = 0.0  # of the last state, on the steady clock [s]
-        self._awaited = self._formed_at = None
-        self._watchers = []
+        self._awaited: tuple[int, Future] | None = None
+        self._formed_at: int | None = None
+        self._watchers: list[Callable[[bytes], object]] = []
         self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decoder()
         self._send_cosines = raw_publish(
             self.offer(Float64MultiArray, names.COSINES, qos.STATE, exclusive=True))
@@ -78,7 +84,7 @@ class Monitor(FormationNode):
             self.get_logger().warning(reservation)
         self.listen(PoseArray, names.ATTITUDES, self._on_attitudes, qos.STATE)
 
-    def _cosines_message(self):
+    def _cosines_message(self) -> Float64MultiArray:
         """Return a message of cosines: one labelled dimension for each pair of agents."""
         message = Float64MultiArray()
         count = len(self.observer.pairs)
@@ -90,31 +96,31 @@ class Monitor(FormationNode):
               for i, j in self.observer.pairs)]
         return message
 
-    def _look(self):
+    def _look(self) -> tuple[int, Array] | None:
         """Return the stamp and the reduced attitudes of the last state, or None."""
         observer = self.observer
-        return (observer.stamp, observer.reduced_attitudes) if observer.count else None
+        return None if observer.stamp is None else (observer.stamp, observer.reduced_attitudes)
 
-    def _poses(self):
+    def _poses(self) -> State | None:
         """Return stamp, attitudes and reduced attitudes of the last state, or None."""
         observer = self.observer
-        return (observer.stamp, observer.attitudes, observer.reduced_attitudes) \
-            if observer.count else None
+        return None if observer.stamp is None else (
+            observer.stamp, observer.attitudes, observer.reduced_attitudes)
 
-    def _make_observer(self, tolerance):
+    def _make_observer(self, tolerance: float) -> Observer:
         return Observer(self.formation.topology, tolerance, self._fastest())
 
-    def _fastest(self):
+    def _fastest(self) -> float:
         """Return the fastest rate that the law can command [rad/s]."""
         topology, gain = self.formation.topology, self.formation.gain
         return float(gain.f(0.0) * np.abs(topology.weights).sum(axis=1).max())
 
-    def _apply(self, values):
+    def _apply(self, values: Mapping[str, Any]) -> None:
         self.observer.tolerance = values['tolerance']
         self.formation = formation_from_parameters(values)
         self.observer.fastest = self._fastest()
 
-    def _on_attitudes(self, message):
+    def _on_attitudes(self, message: bytes) -> None:
         observer = self.observer
         try:
             stamp, poses = self._decode(message)
@@ -137,34 +143,34 @@ class Monitor(FormationNode):
         if observer.shape is not None:
             self._send_error(self._encode_error(observer.error))
         if observer.formed_at != self._formed_at:
-            self._tell_formed()
+            self._tell_formed(stamp)
         if self._awaited is not None and stamp >= self._awaited[0] \
                 and not self._awaited[1].done():
             self._awaited[1].set_result(stamp)
 
-    def _tell_formed(self):
+    def _tell_formed(self, stamp: int) -> None:
         """Say on the console that it has formed, once it has stayed so for a while."""
         observer = self.observer
         if observer.formed_at is None or observer.shape is None:
             self._formed_at = observer.formed_at
-        elif observer.stamp - observer.formed_at >= HOLD:
+        elif stamp - observer.formed_at >= HOLD:
             self._formed_at = observer.formed_at
             self.get_logger().info(f'formed: {observer.shape.name}, after '
                                    f'{observer.time_to_form:.2f} s')
 
-    def watch(self, tell):
+    def watch(self, tell: Callable[[bytes], object]) -> None:
         """Call a function, a quick one, with the bytes of every good state, repeated or not."""
         self._watchers.append(tell)
 
-    def notify(self, stamp, future):
+    def notify(self, stamp: int, future: Future) -> None:
         """Complete a future with the first sample at or after a stamp [ns]."""
         self._awaited = (stamp, future)
 
-    def assess(self):
+    def assess(self) -> diagnostics.Assessment:
         """Return level, message and figures for the diagnostics."""
         observer = self.observer
         rates = self.health.rates({'attitude rate [Hz]': observer.count})
-        values = {'attitudes': observer.count, **rates}
+        values: dict[str, Any] = {'attitudes': observer.count, **rates}
         if not observer.count:
             return diagnostics.WARN, 'waiting for attitudes', values
         values['formation time [s]'] = observer.elapsed
@@ -174,7 +180,7 @@ class Monitor(FormationNode):
             level, message = diagnostics.WARN, f'{message}; no attitudes for {silent:.1f} s'
         return level, message, values
 
-    def _describe(self, values):
+    def _describe(self, values: dict[str, Any]) -> str:
         """Say in words how the formation is, and add the figures."""
         observer = self.observer
         if observer.shape is None:
@@ -187,6 +193,6 @@ class Monitor(FormationNode):
         return f'formed: {observer.shape.name}'
 
 
-def main(config=None, arguments=()):
+def main(config: str | Path | None = None, arguments: Sequence[str] = ()) -> int:
     """Run the monitor until it is signalled; see :func:`tetra_ros2.ros.executor.run`."""
     return executor.run(Monitor, config, arguments)

@@ -67,7 +67,7 @@ class Poses:
             self._listen_to_transforms()
             return
         if source == 'array':
-            topics = {topic: self._on_array}
+            topics: dict[str, Callable[[bytes], None]] = {topic: self._on_array}
             kind: type = PoseArray
         else:
             self._topics = {i: topic.format(i=i + 1, name=self._names[i]) for i in self.trackers}

@@ -14,13 +14,14 @@
 
 """The plant in real time: it steps on a timer, with the newest commands there are."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 import time
+from typing import Any
 
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.simulation import period_of
-from tetra_ros2.nodes.stepper import agents_of, Steppable, Stepper, STILL
+from tetra_ros2.nodes.stepper import agents_of, Rate, Steppable, Stepper, STILL
 from tetra_ros2.ros import diagnostics
 
 CLOCK_TOLERANCE = 100_000_000
@@ -55,13 +56,15 @@ class RealTime(Stepper):
         self._stamps = [0] * len(self._rates)
         self._silent = 0
         self._elapsed = 0  # formation time in which the bodies were not paused [ns]
-        self._duration = self._timer = None
-        self._simulated = plant.get_parameter('use_sim_time').value
+        self._duration: int | None = None  # how much of that there is to be [ns]
+        self._timer: Any = None
+        self._period = 0  # of it [ns]
+        self._simulated: bool = plant.get_parameter('use_sim_time').value
         self._stepped_at = 0  # on the clock that steps are measured on [ns]
         self.clock_jumps = 0
         self._jumped_at = -math.inf  # on the steady clock [s]
 
-    def configure(self, values):
+    def configure(self, values: Mapping[str, Any]) -> None:
         """Take the parameters, at the start and whenever they change."""
         period = period_of(values['rate'])
         timeout = values['command_timeout'] or max(self.DEFAULT_TIMEOUT, 3.0 * period / 1e9)
@@ -77,22 +80,22 @@ class RealTime(Stepper):
                 else self._plant.create_steady_timer
             self._timer = create(period / 1e9, self._on_timer)
 
-    def start(self):
+    def start(self) -> None:
         """Begin; the timer does the rest."""
 
-    def stop(self):
+    def stop(self) -> None:
         """Take no step any more."""
         self._timer.cancel()
 
-    def pause(self, paused):
+    def pause(self, paused: bool) -> None:
         """Let the bodies rest, or go on; the sensors go on measuring."""
         self.paused = paused
 
-    def run_until(self, stamp):
+    def run_until(self, stamp: int) -> None:
         """Go on; real time does not wait."""
         self.pause(False)
 
-    def state_changed(self):
+    def state_changed(self) -> None:
         """Publish the state; the commands so far were for another one."""
         self._plant.read_commands()
         self._forget_commands()
@@ -101,15 +104,15 @@ class RealTime(Stepper):
         self._stepped_at = self._now(self.stamp)
         self._plant.publish(self.stamp)
 
-    def _now(self, stamp):
+    def _now(self, stamp: int) -> int:
         """Return the time on the clock that steps are measured on [ns]."""
         return stamp if self._simulated else time.monotonic_ns()
 
-    def _forget_commands(self):
+    def _forget_commands(self) -> None:
         self._rates = [STILL] * len(self._rates)
         self._stamps = [0] * len(self._stamps)
 
-    def command(self, i, stamp, rate):
+    def command(self, i: int, stamp: int, rate: Rate) -> None:
         """
         Take the command of agent i as its answer to the measurements of a time.
 
@@ -125,7 +128,7 @@ class RealTime(Stepper):
         self._stamps[i] = stamp
         self._rates[i] = rate
 
-    def _on_timer(self):
+    def _on_timer(self) -> None:
         self._plant.read_commands()
         now = self._plant.get_clock().now().nanoseconds
         here = self._now(now)
@@ -141,7 +144,7 @@ class RealTime(Stepper):
             self._step(elapsed, before, now)
         self._plant.publish(now)
 
-    def _step(self, elapsed, before, now):
+    def _step(self, elapsed: int, before: int, now: int) -> None:
         oldest = now - self._timeout
         held = self._plant.held_agents()
         rates = []
@@ -160,7 +163,7 @@ class RealTime(Stepper):
         if self._duration is not None and self._elapsed >= self._duration:
             self.paused, self._duration = True, None
 
-    def assess(self, health):
+    def assess(self, health: diagnostics.Health) -> diagnostics.Assessment:
         """Return level, message and figures for the diagnostics."""
         rates = health.rates({'step rate [Hz]': self.steps})
         expected = self.steps * len(self._agents)

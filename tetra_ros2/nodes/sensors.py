@@ -19,6 +19,8 @@ With motion capture and the bodies' own drivers there is no plant. This node tak
 all bodies, and publishes the state and the relative attitudes of the graph as the plant would.
 """
 
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 import time
 from typing import Any
 
@@ -64,14 +66,14 @@ class Sensors(FormationNode):
         self._timer = self.create_timer(1.0 / values['rate'], self._on_timer)
 
     @staticmethod
-    def _accept(values: Any) -> None:
+    def _accept(values: Mapping[str, Any]) -> None:
         check_poses(values, formation_from_parameters(values).topology.n)
 
     def close(self) -> None:
         """Measure no more."""
         self._timer.cancel()
 
-    def _receiver(self, i: int) -> Any:
+    def _receiver(self, i: int) -> Callable[[bytes], None]:
         decode = cdr.twist_stamped(names.body_frame(i)).decoder()
 
         def on_command(message: bytes) -> None:
@@ -96,7 +98,7 @@ class Sensors(FormationNode):
         self._measurements.publish(stamp, self.bodies, self.bodies.seen_by, lost)
         self.published += 1
 
-    def assess(self) -> tuple[bytes, str, dict[str, Any]]:
+    def assess(self) -> diagnostics.Assessment:
         """Return level, message and figures for the diagnostics."""
         lost, values = self.poses.assess()
         values.update(self.health.rates({'measurement rate [Hz]': self.published}))
@@ -107,7 +109,6 @@ class Sensors(FormationNode):
         return diagnostics.ERROR, f'not measured: {lost}', values
 
 
-def main(config: Any = None, arguments: Any = ()) -> int:
+def main(config: str | Path | None = None, arguments: Sequence[str] = ()) -> int:
     """Run the sensors until they are signalled; see :func:`tetra_ros2.ros.executor.run`."""
-    status: int = executor.run(Sensors, config, arguments)
-    return status
+    return executor.run(Sensors, config, arguments)

@@ -25,7 +25,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
-from tetra_ros2.ros.diagnostics import Health
+from tetra_ros2.ros.diagnostics import Assessment, Health
 from tetra_ros2.wire import names
 
 Rate = tuple[float, float, float]
@@ -37,7 +37,9 @@ STILL: Rate = (0.0, 0.0, 0.0)
 class Bodies(Protocol):
     """What can be stepped."""
 
-    axes: Sequence[Rate]
+    @property
+    def axes(self) -> Sequence[Rate]:
+        """Return the pointing axes, one of each body."""
 
     def step(self, h: float, rates: Sequence[Rate]) -> None:
         """Let all bodies move for a time ``h`` [s] as they are told."""
@@ -46,7 +48,9 @@ class Bodies(Protocol):
 class Steppable(Protocol):
     """What a stepper needs of the plant."""
 
-    bodies: Bodies
+    @property
+    def bodies(self) -> Bodies:
+        """Return the bodies, which may be others after a reset."""
 
     def publish(self, stamp: int) -> None:
         """Publish state and measurements as of the time ``stamp`` [ns]."""
@@ -60,10 +64,10 @@ class Steppable(Protocol):
     def held_agents(self) -> int:
         """Return the agents, as bits, that are held still for a publisher conflict."""
 
-    def create_steady_timer(self, period: float, callback: Callable[[], None]) -> Any:
+    def create_steady_timer(self, period: float, callback: Callable[[], None], /) -> Any:
         """Return a timer [s] that fires however formation time passes."""
 
-    def create_timer(self, period: float, callback: Callable[[], None]) -> Any:
+    def create_timer(self, period: float, callback: Callable[[], None], /) -> Any:
         """Return a timer [s] on the node's own clock."""
 
     def destroy_timer(self, timer: Any) -> Any:
@@ -138,7 +142,7 @@ class Stepper(ABC):
         """
 
     @abstractmethod
-    def assess(self, health: Health) -> tuple[bytes, str, dict[str, Any]]:
+    def assess(self, health: Health) -> Assessment:
         """Return level, message and figures for the diagnostics."""
 
 

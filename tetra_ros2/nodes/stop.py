@@ -14,6 +14,7 @@
 
 """The emergency stop of all that there is to stop: the plant, and every driver of a body."""
 
+from collections.abc import Sequence
 import re
 import sys
 import time
@@ -31,7 +32,7 @@ SETTLED = 1.0
 """How long no new service may have turned up before that is taken to be all of them [s]."""
 
 
-def main(data: bool, namespace: str = '', arguments: Any = ()) -> int:
+def main(data: bool, namespace: str = '', arguments: Sequence[str] = ()) -> int:
     """
     Stop all bodies, or release them.
 

@@ -115,13 +115,13 @@ class StampedNumbers:
         """
         return self.decoder()(message)
 
-    def decoder(self):
+    def decoder(self) -> Callable[[bytes], tuple[int, Sequence[float]]]:
         """Return :meth:`decode` as a function that has all at hand, for who calls it often."""
         size, unpack, name, length = self._whole.size, self._whole.unpack, self._name, self._length
         first = 4 if length is None else 5  # index of the first number that unpack gives
         decode_any = self._decode_any
 
-        def decode(message):
+        def decode(message: bytes) -> tuple[int, Sequence[float]]:
             # The padding is not looked at: its bytes are whatever the sender's memory held.
             if len(message) == size:
                 fields = unpack(message)
