@@ -161,7 +161,7 @@ def is_elsewhere(before: NDArray[np.float64], after: NDArray[np.float64], elapse
     return reach < np.pi and nearest < np.cos(reach)
 
 
-def graticule(step=30.0, points=73):
+def graticule(step: float = 30.0, points: int = 73) -> NDArray[np.float64]:
     """
     Return meridians and parallels of the unit sphere as polylines.
 
@@ -180,7 +180,7 @@ def graticule(step=30.0, points=73):
     return np.array(lines)
 
 
-def along_arc(start, end, points):
+def along_arc(start: ArrayLike, end: ArrayLike, points: int) -> NDArray[np.float64]:
     """
     Return points on the great circle from one unit vector to another.
 
@@ -196,4 +196,6 @@ def along_arc(start, end, points):
     # Where the two ends are opposite or the same, the chord does as well as any circle.
     with np.errstate(divide='ignore', invalid='ignore'):
         arc = (np.sin((1.0 - fraction) * theta) * start + np.sin(fraction * theta) * end) / cross
-    return np.where(cross > 1e-6, arc, (1.0 - fraction) * start + fraction * end)
+    line: NDArray[np.float64] = np.where(
+        cross > 1e-6, arc, (1.0 - fraction) * start + fraction * end)
+    return line

@@ -19,11 +19,29 @@ The projection is orthographic and done here, so that what lies behind the spher
 as lying behind it.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 import numpy as np
+from numpy.typing import ArrayLike
 from tetra_ros2.drawing import colors, geometry, style
 from tetra_ros2.formation import measures
+from tetra_ros2.formation._types import Array
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as Picture
+
+View = tuple[float, float]
+"""Longitude and latitude of the eye [deg]."""
+
+Edge = tuple[int, int, float]
+"""Agent j, from 1, whom agent i sees, and how much it counts: i, j, weight."""
 
 LATITUDES = (16.0, 24.0, 32.0)
 """From how far above the equator one may look [deg]: enough to see that it is a sphere."""
@@ -51,19 +69,20 @@ MOVIE_FRAMES = 110
 class Camera:
     """An orthographic projection: two coordinates in the picture, and one towards the eye."""
 
-    def __init__(self, view):
+    def __init__(self, view: View) -> None:
         longitude, latitude = np.radians(view)
         toward = np.array([np.cos(latitude) * np.cos(longitude),
                            np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
         right = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
         self._matrix = np.stack([right, np.cross(toward, right), toward], axis=-1)
 
-    def __call__(self, points):
+    def __call__(self, points: ArrayLike) -> Array:
         """Return points in the world, ``(..., 3)``, as seen: x, y, and depth towards the eye."""
-        return np.asarray(points) @ self._matrix
+        seen: Array = np.asarray(points) @ self._matrix
+        return seen
 
 
-def best_view(gamma):
+def best_view(gamma: ArrayLike) -> View:
     """
     Return where to look from so that no axis hides another, nor points at the eye.
 
@@ -75,7 +94,7 @@ def best_view(gamma):
     ends = np.concatenate([points, np.zeros_like(points[:, :1])], axis=1)
     i, j = np.triu_indices(ends.shape[1], k=1)
 
-    def clearance(view):
+    def clearance(view: View) -> float:
         see = Camera(view)
         seen, opposite = see(ends)[..., :2], -see(points)[..., :2]
         apart = np.linalg.norm(seen[:, i] - seen[:, j], axis=-1)
@@ -88,7 +107,7 @@ def best_view(gamma):
     return max(views, key=clearance)
 
 
-def trail_time(times, gamma):
+def trail_time(times: Array, gamma: Array) -> float | None:
     """Return how long a trail tells most [s]: a third of a turn where the formation spins."""
     last = max(2, len(times) // 20)
     if len(times) < last or times[-1] == times[-last]:
@@ -98,8 +117,9 @@ def trail_time(times, gamma):
     return 2.0 * np.pi / rate / 3.0 if rate > 1e-2 else None
 
 
-def draw(axes, times, gamma, edges=(), *, trail=None, clock=False, view=None, reach=REACH,
-         labels=0.15):
+def draw(axes: Axes, times: Array, gamma: Array, edges: Sequence[Edge] = (), *,
+         trail: float | None = None, clock: bool = False, view: View | None = None,
+         reach: float = REACH, labels: float = 0.15) -> None:
     """
     Draw the last of a number of states, and the way it came.
 
@@ -135,7 +155,7 @@ def draw(axes, times, gamma, edges=(), *, trail=None, clock=False, view=None, re
                   color=colors.MUTED, fontsize=11, family='monospace')
 
 
-def _ball(axes, see):
+def _ball(axes: Axes, see: Camera) -> None:
     """Draw the sphere: a disc shaded towards its limb, and meridians where they can be seen."""
     for k, radius in enumerate(np.linspace(1.0, 0.05, 24)):
         shade = 0.88 + 0.1 * (k / 23.0) ** 0.6
@@ -148,17 +168,17 @@ def _ball(axes, see):
     segments = np.stack([lines[:, :-1], lines[:, 1:]], axis=2).reshape(-1, 2, 3)
     front = segments[:, :, 2].mean(axis=1) > 0.0
     axes.add_collection(LineCollection(
-        segments[front, :, :2], colors='#c5ced7', linewidths=0.7, zorder=0.5))
+        list(segments[front, :, :2]), colors='#c5ced7', linewidths=0.7, zorder=0.5))
 
 
-def _start(axes, seen, i):
+def _start(axes: Axes, seen: Array, i: int) -> None:
     """Mark where an agent began: its marker, hollow."""
     axes.plot(*seen[:2], marker=style.marker(i), markersize=6.0, markerfacecolor='white',
               markeredgecolor=colors.agent(i), markeredgewidth=1.2, linestyle='none',
               alpha=1.0 if seen[2] > 0.0 else 0.5, zorder=4.5 if seen[2] > 0.0 else 0.9)
 
 
-def _trail(axes, seen, color, whole=False):
+def _trail(axes: Axes, seen: Array, color: str, whole: bool = False) -> None:
     """Draw a trail that fades towards its beginning, and shines through the sphere behind it."""
     segments = np.stack([seen[:-1], seen[1:]], axis=1)
     depth = segments[:, :, 2].mean(axis=1)
@@ -170,11 +190,11 @@ def _trail(axes, seen, color, whole=False):
         rgba = np.concatenate([np.tile(colors.unit_rgb(color), (len(segments), 1)),
                                opacity[:, None]], axis=1)
         axes.add_collection(LineCollection(
-            segments[part, :, :2], colors=rgba[part], capstyle='butt',
+            list(segments[part, :, :2]), colors=rgba[part], capstyle='butt',
             linewidths=2.4 if front else 1.6, zorder=4.0 if front else 0.8))
 
 
-def _solid(axes, see, now):
+def _solid(axes: Axes, see: Camera, now: Array) -> None:
     gray = colors.unit_rgb(colors.FACE)
     seen = see(now)
     for face in geometry.polygons(now):
@@ -188,7 +208,7 @@ def _solid(axes, see, now):
             zorder=2.0 if facing > 0.0 else 1.5))
 
 
-def _edges(axes, see, now, edges):
+def _edges(axes: Axes, see: Camera, now: Array, edges: Sequence[Edge]) -> None:
     """Draw who sees whom: an arrow from the one that looks, bowed so that two do not overlap."""
     if len(edges) >= MANY_EDGES:
         return
@@ -202,7 +222,8 @@ def _edges(axes, see, now, edges):
             color=(*colors.unit_rgb(colors.agent(i)), 0.6)))
 
 
-def _agent(axes, see, direction, i, size, label):
+def _agent(axes: Axes, see: Camera, direction: Array, i: int, size: float,
+           label: float) -> None:
     tip = see(direction)
     front = tip[2] > 0.0
     color = colors.agent(i)
@@ -219,7 +240,9 @@ def _agent(axes, see, direction, i, size, label):
                   alpha=1.0 if front else 0.8)
 
 
-def write_movie(times, gamma, edges, path, progress=None, size=360, most=MOVIE_FRAMES):
+def write_movie(times: Array, gamma: Array, edges: Sequence[Edge], path: Path,
+                progress: Callable[[float], object] | None = None, size: int = 360,
+                most: int = MOVIE_FRAMES) -> Path:
     """
     Write a moving picture of the formation, as GIF.
 
@@ -261,22 +284,22 @@ def write_movie(times, gamma, edges, path, progress=None, size=360, most=MOVIE_F
     return path
 
 
-def _palette(frame):
+def _palette(frame: Picture) -> Picture:
     """Return the colours that a frame needs, and those of all agents, in an image of a pixel."""
     from PIL import Image
     own = [colors.rgb(color) for color in colors.AGENTS]
-    common = frame.quantize(WHITE - len(own), dither=Image.Dither.NONE).getpalette()
+    common = frame.quantize(WHITE - len(own), dither=Image.Dither.NONE).getpalette() or []
     palette = Image.new('P', (1, 1))
     palette.putpalette([*common[:3 * (WHITE - len(own))], *sum(own, ())])
     return palette
 
 
-def _indexed(frame, palette):
+def _indexed(frame: Picture, palette: Picture) -> Picture:
     """Return a frame in the colours of a palette, and white where it is white."""
     from PIL import Image
     # One palette for all frames, and no dithering: then nothing flickers between them.
     indices = np.array(frame.quantize(palette=palette, dither=Image.Dither.NONE))
     indices[np.all(np.asarray(frame) == 255, axis=-1)] = WHITE
     indexed = Image.fromarray(indices)
-    indexed.putpalette([*palette.getpalette()[:3 * WHITE], 255, 255, 255])
+    indexed.putpalette([*(palette.getpalette() or [])[:3 * WHITE], 255, 255, 255])
     return indexed

@@ -18,7 +18,7 @@ from typing import Any
 
 from tetra_ros2.drawing import colors
 
-RC: dict[str, Any] = {
+RC: dict[Any, Any] = {
     'font.family': 'DejaVu Serif', 'mathtext.fontset': 'dejavuserif', 'axes.linewidth': 0.6,
     'axes.edgecolor': colors.INK, 'axes.labelcolor': colors.INK, 'text.color': colors.INK,
     'xtick.color': colors.INK, 'ytick.color': colors.INK, 'xtick.major.width': 0.6,

@@ -98,7 +98,8 @@ class Theory:
         if self.shape is not None:
             return shapes.admissible_angles(self._topology).errors(gamma)
         angles = measures.pairwise_angles(gamma)
-        return np.max(np.abs(angles - angles[-1]), axis=-1)
+        error: NDArray[np.float64] = np.max(np.abs(angles - angles[-1]), axis=-1)
+        return error
 
     @cached_property
     def rates(self) -> Rates:
