@@ -59,7 +59,7 @@ def angles(gamma: ArrayLike) -> tuple[Array, Array]:
     return np.arctan2(z, equatorial), np.where(equatorial > POLE, np.arctan2(y, x), 0.0)
 
 
-def from_angles(phi: ArrayLike, psi: Array) -> Array:
+def from_angles(phi: ArrayLike, psi: ArrayLike) -> Array:
     """Return the reduced attitudes of roll-pitch-yaw angles [rad], ``(..., 3)``; eq:pre:RPY."""
     phi, psi = np.broadcast_arrays(np.asarray(phi, dtype=float), psi)
     return np.stack([

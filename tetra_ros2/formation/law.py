@@ -14,15 +14,23 @@
 
 """The control law and the closed loop, on arrays."""
 
+from typing import Any, Protocol
+
 import numpy as np
 from numpy.typing import ArrayLike
 from tetra_ros2.formation import sphere
 from tetra_ros2.formation._types import Array
-from tetra_ros2.formation.gain import Gain
+
+
+class Repulsion(Protocol):
+    """What the law asks of a gain; any function of the distance will do."""
+
+    def f(self, theta: Any, /) -> Any:
+        """Return how fast an agent at the distance ``theta`` [rad] is fled from [rad/s]."""
 
 
 def angular_velocity(pointing: ArrayLike, seen: ArrayLike, weights: Array,
-                     gain: Gain) -> Array:
+                     gain: Repulsion) -> Array:
     """
     Return what the law commands: ``w_i = -sum_j W(i, j) f(theta_ij) b_i x y_ij``; eq:RF:Control.
 
@@ -43,7 +51,7 @@ def angular_velocity(pointing: ArrayLike, seen: ArrayLike, weights: Array,
     return result
 
 
-def world_angular_velocity(gamma: ArrayLike, weights: Array, gain: Gain) -> Array:
+def world_angular_velocity(gamma: ArrayLike, weights: Array, gain: Repulsion) -> Array:
     """
     Return the law's angular velocities in the world frame [rad/s], ``(..., n, 3)``.
 
@@ -54,7 +62,7 @@ def world_angular_velocity(gamma: ArrayLike, weights: Array, gain: Gain) -> Arra
     return angular_velocity(gamma, np.asarray(gamma)[..., None, :, :], weights, gain)
 
 
-def velocity(gamma: ArrayLike, weights: Array, gain: Gain) -> Array:
+def velocity(gamma: ArrayLike, weights: Array, gain: Repulsion) -> Array:
     """
     Return the closed loop's right-hand side ``dGamma_i/dt``; eq:RF:ClosedSystem.
 

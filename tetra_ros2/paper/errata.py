@@ -69,8 +69,9 @@ def erratum(key: str, label: str, printed: str,
     return register
 
 
-def _off_poles(gamma):
-    return gamma[np.max(np.abs(gamma[..., 2]), axis=-1) < 0.95]
+def _off_poles(gamma: np.ndarray) -> np.ndarray:
+    good: np.ndarray = gamma[np.max(np.abs(gamma[..., 2]), axis=-1) < 0.95]
+    return good
 
 
 @erratum('erratum-angle-equation', 'eq:PF:ClosedSysRPY2',
@@ -110,11 +111,11 @@ def _singular_psi(system: SystemUnderTest) -> Pair:
          r'$\gamma=0$ when $\Gamma_{1}=\Gamma_{2}$',
          'gamma is singular, and set to 0, at Gamma_1 = -Gamma_2 as well')
 def _singular_gamma(system: SystemUnderTest) -> Pair:
-    def spread(sign):
+    def spread(sign: float) -> float:
         first = sphere.random(system.rng, (1,))
         second = sphere.normalize(sign * first + 1e-9 * sphere.random(system.rng, (300,)))
         both = np.stack([np.broadcast_to(first, second.shape), second], axis=1)
-        return np.ptp(coordinates.absolute(both)[:, 2])
+        return float(np.ptp(coordinates.absolute(both)[:, 2]))
 
     # gamma is continuous where it is defined; here it takes every value in any neighbourhood.
     printed = spread(-1.0)
@@ -124,7 +125,8 @@ def _singular_gamma(system: SystemUnderTest) -> Pair:
 def _mirror(gamma: np.ndarray) -> np.ndarray:
     """Return the mirror images in the plane of Gamma_1 and Gamma_2, ``(..., 4, 3)``."""
     normal = sphere.normalize(np.cross(gamma[..., 0, :], gamma[..., 1, :]))[..., None, :]
-    return gamma - 2.0 * np.sum(gamma * normal, axis=-1, keepdims=True) * normal
+    image: np.ndarray = gamma - 2.0 * np.sum(gamma * normal, axis=-1, keepdims=True) * normal
+    return image
 
 
 @erratum('erratum-diffeomorphism', 'Section 4.2, Remark on Phi',
@@ -151,7 +153,8 @@ def _absolute_rates(points: np.ndarray, weights: np.ndarray, gain: Gain) -> np.n
     velocity = law.velocity(points, weights, gain)
     ahead, behind = (coordinates.absolute(sphere.exp(points, t * velocity))
                      for t in (1e-4, -1e-4))
-    return np.angle(np.exp(1j * (ahead - behind))) / 2e-4
+    rates: np.ndarray = np.angle(np.exp(1j * (ahead - behind))) / 2e-4
+    return rates
 
 
 def _not_closed(system: SystemUnderTest, weights: np.ndarray) -> Pair:
@@ -198,7 +201,7 @@ def _coplanar_set(system: SystemUnderTest) -> Pair:
     first, u = sphere.random(rng, (2, 100))
     theta = rng.uniform(-np.pi, np.pi, (100, 4))
 
-    def thickness(u):
+    def thickness(u: np.ndarray) -> np.ndarray:
         points = rotation.rotate(rotation.exp(theta[..., None] * u[:, None]), first[:, None])
         return np.linalg.svd(points, compute_uv=False)[:, 2]
 
@@ -266,7 +269,9 @@ def _regularity(system: SystemUnderTest) -> Pair:
 class _Function(Gain):
     """A gain of any function, whether it satisfies an assumption or not."""
 
-    def __init__(self, function: Callable[[np.ndarray], np.ndarray]):
+    function: Callable[[np.ndarray], np.ndarray]
+
+    def __init__(self, function: Callable[[np.ndarray], np.ndarray]) -> None:
         object.__setattr__(self, 'function', function)
 
     def f(self, theta: Any, xp: Any = np) -> Any:
@@ -278,14 +283,14 @@ class _Function(Gain):
          r'(i+1)\, mod\, n, & if\; i+1 \neq k\\ (i+2)\, mod\, n, & if\; i+1 = k',
          'i mod n + 1, and once more if that is k; agents are 1..n')
 def _successor(_system: SystemUnderTest) -> Pair:
-    def printed(i, k):
+    def printed(i: int, k: int) -> int:
         return (i + 1) % 4 if i + 1 != k else (i + 2) % 4
 
-    def corrected(i, k):
+    def corrected(i: int, k: int) -> int:
         following = i % 4 + 1
         return following if following != k else following % 4 + 1
 
-    def off(successor):
+    def off(successor: Callable[[int, int], int]) -> int:
         """Return how many agents have a successor that is no agent, k, or themselves."""
         return sum(successor(i, k) not in {1, 2, 3, 4} - {i, k}
                    for i, k in itertools.permutations(range(1, 5), 2))
@@ -305,8 +310,9 @@ def _derivative(system: SystemUnderTest) -> Pair:
     shape = coordinates.normalized(sphere.random(rng, (100, 4)))
     phi, psi, gamma = np.moveaxis(xi_c, -1, 0)
 
-    def difference(function, x):
-        return (function(x + 1e-5) - function(x - 1e-5)) / 2e-5
+    def difference(function: Callable[[Any], np.ndarray], x: Any) -> np.ndarray:
+        slope: np.ndarray = (function(x + 1e-5) - function(x - 1e-5)) / 2e-5
+        return slope
 
     true = difference(lambda t: shape @ np.swapaxes(
         coordinates.attitude(xi_c + t * rates), -1, -2), 0.0)
@@ -392,7 +398,7 @@ def _constraint_row(_system: SystemUnderTest) -> Pair:
 
     def misfit(a_e: np.ndarray) -> int:
         """Return by how many rows or columns the two products are undefined."""
-        return abs(a_e.shape[1] - x.shape[0]) + abs(a_i.T.shape[0] - a_e.T.shape[0])
+        return int(abs(a_e.shape[1] - x.shape[0]) + abs(a_i.T.shape[0] - a_e.T.shape[0]))
 
     row = np.ones((1, 4))
     return misfit(row.T), misfit(row)
@@ -404,7 +410,7 @@ def _range(_system: SystemUnderTest) -> Pair:
     psi = np.pi / 4.0 + np.arange(4) * np.pi / 2.0
     wrapped = np.where(psi >= np.pi, psi - 2.0 * np.pi, psi)
 
-    def outside(angle):
+    def outside(angle: np.ndarray) -> np.ndarray:
         return np.maximum(angle - np.pi, 0.0) + np.maximum(-np.pi - angle, 0.0)
 
     same = np.exp(1j * psi) - np.exp(1j * wrapped)

@@ -21,6 +21,7 @@ from typing import Any
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 import numpy as np
 from tetra_ros2.drawing import style
@@ -172,8 +173,8 @@ def _agents_legend(figure: Figure) -> None:
 
 
 def _figure() -> tuple[Figure, np.ndarray]:
-    figure = Figure(figsize=(7.1, 7.6), layout='constrained')
-    figure.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
+    figure = Figure(
+        figsize=(7.1, 7.6), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06))
     return figure, figure.subplots(3, 2, gridspec_kw={'height_ratios': (1.35, 1.0, 1.0)})
 
 

@@ -14,6 +14,7 @@
 
 """Runs of the real nodes in lockstep, kept sample by sample, and what can be read off them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,11 +51,12 @@ class NodeRun:
 class _Keeper(Observer):
     """An observer that keeps every sample."""
 
-    def __init__(self, topology, tolerance):
+    def __init__(self, topology: Topology, tolerance: float) -> None:
         super().__init__(topology, tolerance)
-        self.stamps, self.samples = [], []
+        self.stamps: list[int] = []
+        self.samples: list[Sequence[float]] = []
 
-    def observe(self, stamp, poses):
+    def observe(self, stamp: int, poses: Sequence[float]) -> bool:
         new = super().observe(stamp, poses)
         if new:
             self.stamps.append(stamp)

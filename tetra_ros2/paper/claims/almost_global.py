@@ -36,8 +36,9 @@ def _inequality(system: SystemUnderTest) -> Result:
     x = rng.dirichlet(np.ones(4), system.times(40000)) * 2.0 * np.pi
     x = x[np.max(x, axis=1) <= np.pi]
 
-    def value(x):
-        return np.sum(np.cos(x) ** 2 + np.cos(x), axis=1)
+    def value(x: np.ndarray) -> np.ndarray:
+        total: np.ndarray = np.sum(np.cos(x) ** 2 + np.cos(x), axis=1)
+        return total
 
     # Descend along the constraint as well, or the least values are never seen.
     low = x[np.argsort(value(x))[:2000]]
@@ -127,7 +128,7 @@ def _decouples(system: SystemUnderTest) -> Result:
             if np.min(np.minimum(theta, np.pi - theta)[~np.eye(4, dtype=bool)]) < 0.05:
                 continue
 
-            def rates(x, gain=gain):
+            def rates(x: np.ndarray, gain: Gain = gain) -> np.ndarray:
                 points = coordinates.from_angles(x[:, :4], x[:, 4:])
                 velocity = law.velocity(points, system.complete.weights, gain)
                 p, s = x[:, :4], x[:, 4:]
@@ -176,7 +177,8 @@ def _coplanar_equilibria(weights: np.ndarray, gain: Gain) -> np.ndarray:
         everybody = np.append(np.zeros((*psi.shape[:-1], 1)), psi, axis=-1)
         ahead = everybody[..., :, None] - everybody[..., None, :]
         theta = np.abs(np.angle(np.exp(1j * ahead)))
-        return np.sum(weights * gain.f(theta) * np.sin(ahead), axis=-1)[..., 1:]
+        total: np.ndarray = np.sum(weights * gain.f(theta) * np.sin(ahead), axis=-1)
+        return total[..., 1:]
 
     for _ in range(40):
         left = rates(psi)
@@ -188,7 +190,8 @@ def _coplanar_equilibria(weights: np.ndarray, gain: Gain) -> np.ndarray:
     everybody = np.append(np.zeros((len(psi), 1)), psi, axis=-1)
     still = np.max(np.abs(law.velocity(coordinates.from_angles(
         np.zeros_like(everybody), everybody), weights, gain)), axis=(-2, -1))
-    return everybody[still < 1e-9 * gain.a]
+    found: np.ndarray = everybody[still < 1e-9 * gain.a]
+    return found
 
 
 @claim('coplanar-unstable', 'Thm:SFG:CoplaneUnStable', 'every coplanar equilibrium is unstable',
@@ -248,7 +251,7 @@ def _polynomials(system: SystemUnderTest) -> Result:
     rng = system.rng
     f = a * np.exp(rng.uniform(math.log(0.02), math.log(6.0), (system.times(3000), 6)))
 
-    def equations(f):
+    def equations(f: np.ndarray) -> np.ndarray:
         f12, f13, f14, f23, f24, f34 = np.moveaxis(f, -1, 0)
         c = coordinates.cosine_matrix(f / a - 1.0)
         factors = np.stack([f12 * f13, f12 * f23, f13 * f23, f14 * f23], axis=-1)

@@ -54,6 +54,7 @@ def _intrinsic(system: SystemUnderTest) -> Result:
                 answer = None
                 for slot, seen in enumerate(plant.seen_by(i, [j - 1 for j, _ in neighbors])):
                     answer = agent.receive(slot, 1, seen, 0.0)
+                assert answer is not None  # the round is complete
                 worst = max(worst, np.max(np.abs(
                     rotation.rotate(attitudes[i], answer) - expected[i])))
     return vanishes(worst, 1e-12)

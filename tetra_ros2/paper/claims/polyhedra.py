@@ -99,7 +99,7 @@ def _weights(system: SystemUnderTest) -> Result:
         classes = polyhedra.distance_classes(points)
         for _ in range(system.times(20)):
             full = polyhedra.weights(
-                points, polyhedra.CLASS_WEIGHTS[name], sphere.random(system.rng), 1.0)
+                points, np.array(polyhedra.CLASS_WEIGHTS[name]), sphere.random(system.rng), 1.0)
             least += [np.min(full[classes.of_pair == c]) for c, weight in enumerate(
                 polyhedra.CLASS_WEIGHTS[name]) if weight and classes.angles[c] < 3.0]
     return vanishes(least, 0.0)
@@ -138,9 +138,9 @@ def _mirror(system: SystemUnderTest) -> Result:
        'edge, face and a generic axis')
 def _stable(system: SystemUnderTest) -> Result:
     worst = []
+    axes: tuple[str | np.ndarray, ...] = (*polyhedra.AXES, np.array([0.3, 0.5, 0.8]))
     for name, points in polyhedra.SOLIDS.items():
-        for axis, spin in itertools.product((*polyhedra.AXES, np.array([0.3, 0.5, 0.8])),
-                                            (0.0, 0.5)):
+        for axis, spin in itertools.product(axes, (0.0, 0.5)):
             weights = polyhedra.weights(
                 points, np.array(polyhedra.CLASS_WEIGHTS[name]),
                 polyhedra.axis_direction(points, axis), spin)

@@ -50,7 +50,7 @@ def _kinematics(system: SystemUnderTest) -> Result:
     w = rng.standard_normal((1000, 3))
     gamma = rotation.rotate(attitudes, axis)
 
-    def after(h):
+    def after(h: float) -> np.ndarray:
         return rotation.rotate(rotation.multiply(rotation.exp(h * w), attitudes), axis)
 
     rate = (after(1e-5) - after(-1e-5)) / 2e-5
@@ -62,7 +62,7 @@ def _kinematics(system: SystemUnderTest) -> Result:
 def _cosine_formula(system: SystemUnderTest) -> Result:
     gi, gj, gk = sphere.random(system.rng, (3, 100000))
 
-    def angle_and_normal(a, b):
+    def angle_and_normal(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         theta = np.arccos(np.clip(np.sum(a * b, axis=-1), -1.0, 1.0))
         return theta, np.cross(a, b) / np.sin(theta)[:, None]
 

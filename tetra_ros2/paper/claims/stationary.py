@@ -36,14 +36,15 @@ from tetra_ros2.paper.system import SystemUnderTest
 class _Square:
     """A gain that is nonnegative, bounded and smooth, and satisfies no other assumption."""
 
-    def __init__(self, coefficients: np.ndarray):
+    def __init__(self, coefficients: np.ndarray) -> None:
         values = np.polynomial.chebyshev.chebval(np.linspace(-1.0, 1.0, 400), coefficients)
         self.coefficients = coefficients / np.max(np.abs(values))
 
     def f(self, theta: ArrayLike) -> np.ndarray:
         """Return f at theta, at most 1: the square of a polynomial, which has zeros."""
         x = np.asarray(theta) * (2.0 / math.pi) - 1.0
-        return np.polynomial.chebyshev.chebval(x, self.coefficients) ** 2
+        square: np.ndarray = np.polynomial.chebyshev.chebval(x, self.coefficients) ** 2
+        return square
 
 
 def _nonnegative(system: SystemUnderTest, count: int) -> list[Any]:
@@ -93,11 +94,13 @@ def _omega_attracts(system: SystemUnderTest) -> Result:
 class _Polynomial:
     """A gain that satisfies no assumption."""
 
-    def __init__(self, coefficients):
+    def __init__(self, coefficients: np.ndarray) -> None:
         self.coefficients = coefficients
 
-    def f(self, theta):
-        return np.polynomial.polynomial.polyval(np.asarray(theta), self.coefficients)
+    def f(self, theta: ArrayLike) -> np.ndarray:
+        value: np.ndarray = np.polynomial.polynomial.polyval(
+            np.asarray(theta), self.coefficients)
+        return value
 
 
 @claim('omega-t-in-omega', 'Rmk:SF:OmegaTinEqm', 'Omega_T is in Omega whatever the gain',
@@ -195,7 +198,8 @@ def _centre_is_omega_t(system: SystemUnderTest) -> Result:
             matrix, bases = differentiated_law(gamma, system.complete.weights, gain)
             tangent = np.linalg.qr(stability.rotations(gamma, bases))[0]
             kernel = np.linalg.svd(matrix)[2][-3:].T
-            worst = max(worst, np.linalg.norm(kernel - tangent @ (tangent.T @ kernel), 2))
+            apart = kernel - tangent @ (tangent.T @ kernel)
+            worst = max(worst, float(np.linalg.norm(apart, 2)))
     return vanishes(worst, 1e-9)
 
 

@@ -14,6 +14,8 @@
 
 """Section 4.2: the coordinates xi, and the closed loop in them."""
 
+from typing import Any
+
 import numpy as np
 from tetra_ros2.formation import coordinates, measures, rotation, sphere, stability
 from tetra_ros2.paper.claims.preliminaries import lambda_matrix
@@ -97,7 +99,8 @@ def _eight(system: SystemUnderTest) -> Result:
     for points in sphere.random(system.rng, (20, 4)):
         bases = stability.tangent_basis(points)
 
-        def cosines(q, points=points, bases=bases):
+        def cosines(q: np.ndarray, points: np.ndarray = points,
+                    bases: np.ndarray = bases) -> np.ndarray:
             return measures.pairwise_cosines(sphere.exp(
                 points, np.einsum('iap,kip->kia', bases, q.reshape(-1, 4, 2))))
 
@@ -123,7 +126,7 @@ def _printed_h(xi_s: np.ndarray) -> np.ndarray:
     """Return h(xi_s) of PRINTED_H, ``(..., 6, 6)``."""
     x = np.moveaxis(xi_s, -1, 0)
 
-    def value(entry: str) -> np.ndarray:
+    def value(entry: str) -> Any:
         if entry == '0':
             return 0.0 * x[0]
         if entry.startswith('2'):
