@@ -14,19 +14,25 @@
 
 """``tetra launcher``: run a formation, show how it goes, and say what came of it."""
 
+import argparse
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict
 import json
 import math
+from pathlib import Path
 import sys
 import time
+from typing import Any
 
 from rclpy.parameter import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.formation.summary import Spin, Summary
 from tetra_ros2.launcher import Launcher, STALL_TIMEOUT
+from tetra_ros2.nodes.plant import Plant
 from tetra_ros2.ros.executor import spin_some, until_signalled
 
 REFRESH_PERIOD = 0.1
@@ -39,7 +45,8 @@ FOREVER = 9e8
 """As long as it runs if somebody looks on [s]."""
 
 
-def main(arguments, config, ros_arguments):
+def main(arguments: argparse.Namespace, config: str | Path,
+         ros_arguments: Sequence[str]) -> int:
     """
     Run a formation for a time.
 
@@ -99,7 +106,7 @@ def main(arguments, config, ros_arguments):
     return 0 if summary.formed else 1
 
 
-def _keep_pace(plant):
+def _keep_pace(plant: Plant | None) -> None:
     """Let formation time pass as fast as time, unless the plant was given another pace."""
     if plant is not None and plant.mode == 'lockstep' \
             and not plant.get_parameter('real_time_factor').value:
@@ -109,13 +116,13 @@ def _keep_pace(plant):
 class _Progress:
     """Show formation time and error while the launcher runs, on a terminal only."""
 
-    def __init__(self, launcher, duration, quiet):
+    def __init__(self, launcher: Launcher, duration: float, quiet: bool) -> None:
         self._launcher = launcher
         self._duration = duration
         self._console = Console(stderr=True)
         self._shown = not quiet and self._console.is_terminal
 
-    def __enter__(self):
+    def __enter__(self) -> None:
         if self._shown:
             self._bar = Progress(
                 TextColumn('{task.completed:8.2f} s of {task.total:g} s'), BarColumn(),
@@ -125,25 +132,25 @@ class _Progress:
             self._bar.start()
             self._timer = self._launcher.monitor.create_steady_timer(REFRESH_PERIOD, self._show)
 
-    def _show(self):
+    def _show(self) -> None:
         observer = self._launcher.monitor.observer
         if observer.count:
             unit = 'rad' if observer.shape else 'rad/s'
             state = f'error {observer.error:.2e} {unit}'
             self._bar.update(self._task, completed=self._launcher.time, state=state, refresh=True)
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         if self._shown:
             self._timer.cancel()
             self._bar.stop()
 
 
-def _print(rows):
+def _print(rows: Sequence[tuple[str, str]]) -> None:
     for caption, text in rows:
         print(f'{caption:<10} {text}'.rstrip())
 
 
-def _document(summary, launcher, wall_time):
+def _document(summary: Summary, launcher: Launcher, wall_time: float) -> Any:
     """Return the summary as a mapping of plain values; what is infinite is None in JSON."""
     topology, gain = launcher.formation.topology, launcher.formation.gain
     plant, recorder = launcher.plant, launcher.recorder
@@ -163,7 +170,7 @@ def _document(summary, launcher, wall_time):
     })
 
 
-def _finite(value):
+def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -171,7 +178,8 @@ def _finite(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def describe(summary, launcher, wall_time):
+def describe(summary: Summary, launcher: Launcher,
+             wall_time: float) -> list[tuple[str, str]]:
     """
     Return the lines of text that tell a person what a run came to.
 
@@ -220,7 +228,7 @@ def describe(summary, launcher, wall_time):
     return rows
 
 
-def _describe_spin(spin):
+def _describe_spin(spin: Spin) -> str:
     if math.isinf(spin.period):
         return 'at rest'
     text = f'{spin.rate:.6f} rad/s, one turn in {spin.period:.4f} s'

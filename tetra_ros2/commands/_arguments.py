@@ -14,10 +14,13 @@
 
 """Arguments that several commands share, and their checks."""
 
+import argparse
+from pathlib import Path
+
 from tetra_ros2.config.share import shipped
 
 
-def add_config(parser, default=None):
+def add_config(parser: argparse.ArgumentParser, default: str | None = None) -> None:
     """Add ``--config``."""
     parser.add_argument(
         '--config', metavar='FILE', default=default,
@@ -25,18 +28,18 @@ def add_config(parser, default=None):
              f'{", ".join(shipped())}')
 
 
-def add_namespace(parser):
+def add_namespace(parser: argparse.ArgumentParser) -> None:
     """Add ``--namespace``."""
     parser.add_argument('--namespace', metavar='NS', default='', help='namespace of the node')
 
 
-def add_node(parser):
+def add_node(parser: argparse.ArgumentParser) -> None:
     """Add what every node takes."""
     add_config(parser)
     add_namespace(parser)
 
 
-def add_web(parser):
+def add_web(parser: argparse.ArgumentParser) -> None:
     """Add where the viewer's web server listens."""
     parser.add_argument(
         '--host', metavar='ADDRESS', default='127.0.0.1',
@@ -49,14 +52,14 @@ def add_web(parser):
         '--read-only', action='store_true', help='let browsers look, and change nothing')
 
 
-def add_storage(parser, default=None):
+def add_storage(parser: argparse.ArgumentParser, default: str | None = None) -> None:
     """Add ``--storage``."""
     parser.add_argument(
         '--storage', choices=('mcap', 'sqlite3'), default=default,
         help='storage format of the recording (default: mcap)')
 
 
-def check_node(arguments, *kinds):
+def check_node(arguments: argparse.Namespace, *kinds: str) -> tuple[Path | None, list[str]]:
     """
     Check all that a node is given, before ROS is loaded.
 

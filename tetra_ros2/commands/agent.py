@@ -14,16 +14,18 @@
 
 """``tetra agent``: one agent in a process of its own."""
 
+import argparse
+
 from tetra_ros2.commands import _arguments
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra agent``."""
     parser.add_argument('--id', type=int, required=True, metavar='I', help='which agent, from 1')
     _arguments.add_node(parser)
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """Run an agent until it is signalled; return the exit status."""
     config, ros = _arguments.check_node(arguments, 'agent')
     from tetra_ros2.nodes import agent  # needs ROS

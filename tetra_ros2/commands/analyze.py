@@ -14,9 +14,12 @@
 
 """``tetra analyze``: the numbers that an engineer has to choose, from theory, for any config."""
 
+import argparse
+from collections.abc import Callable
 from dataclasses import asdict
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 from rich.table import Table
@@ -26,11 +29,12 @@ from tetra_ros2.config import configuration
 from tetra_ros2.config.bodies import physics_from_parameters
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError
-from tetra_ros2.formation.analysis import NotAnalyzable
-from tetra_ros2.physics.demands import demands
+from tetra_ros2.formation import Formation
+from tetra_ros2.formation.analysis import Analysis, NotAnalyzable
+from tetra_ros2.physics.demands import Demands, demands
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra analyze``."""
     parser.add_argument(
         '--config', metavar='FILE', default='complete',
@@ -59,7 +63,7 @@ def add_arguments(parser):
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """
     Analyse a configuration and print what was found.
 
@@ -92,7 +96,8 @@ def run(arguments):
     return 0 if analysis.is_stable and (bodies is None or bodies.is_stable) else 1
 
 
-def analyze_bodies(config, *, rate=None, delay=None, body=None, bandwidth=None):
+def analyze_bodies(config: str | Path, *, rate: float | None = None, delay: float | None = None,
+                   body: str | None = None, bandwidth: float | None = None) -> Demands | None:
     """
     Say what the formation of a configuration asks of bodies with mass.
 
@@ -117,11 +122,12 @@ def analyze_bodies(config, *, rate=None, delay=None, body=None, bandwidth=None):
         return demands(formation, physics,
                        rate=values['rate'] if rate is None else rate,
                        delay=values['measurement_delay'] if delay is None else delay)
-    except configuration.ConfigurationError as problem:
+    except ConfigurationError as problem:
         raise problem.at(file.path) from None
 
 
-def analyze(config, *, rate=None, delay=None, noise=1e-3, start=0.1, error=1e-3):
+def analyze(config: str | Path, *, rate: float | None = None, delay: float | None = None,
+            noise: float = 1e-3, start: float = 0.1, error: float = 1e-3) -> Analysis:
     """
     Analyse a configuration.
 
@@ -143,15 +149,15 @@ def analyze(config, *, rate=None, delay=None, noise=1e-3, start=0.1, error=1e-3)
             noise=noise, start=start, error=error,
             initial=configuration.initial_attitudes(values, formation.n),
             seed=max(values['seed'], 0))
-    except configuration.ConfigurationError as problem:
+    except ConfigurationError as problem:
         raise problem.at(file.path) from None
     except NotAnalyzable as problem:
-        raise configuration.ConfigurationError(
+        raise ConfigurationError(
             str(problem), source=file.path,
             key={'delay': 'measurement_delay'}.get(problem.key, problem.key)) from None
 
 
-def _formation(file):
+def _formation(file: configuration.ParameterFile) -> Formation:
     """Return the formation of a file, if all its agents agree on it."""
     formation = file.formation()
     for i in range(1, formation.n + 1):
@@ -164,10 +170,10 @@ def _formation(file):
     return formation
 
 
-def _print(a, arguments, bodies):
+def _print(a: Analysis, arguments: argparse.Namespace, bodies: Demands | None) -> None:
     table = Table.grid(padding=(0, 2))
 
-    def row(caption, text):
+    def row(caption: str, text: str) -> None:
         table.add_row(Text(caption, 'bold'), Text(text))
 
     connected = 'strongly connected' if a.strongly_connected else 'connected, not strongly'
@@ -212,9 +218,9 @@ def _print(a, arguments, bodies):
     make_console().print(table)
 
 
-def _print_bodies(row, b, rate):
+def _print_bodies(row: Callable[[str, str], None], b: Demands, rate: float) -> None:
     """Add the rows for bodies with mass."""
-    def limit(value):
+    def limit(value: float | None) -> str:
         return 'any will do' if value == 0.0 else 'none will do' if value is None else \
             f'above {value:.5g} 1/s'
 

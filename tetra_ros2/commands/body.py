@@ -14,12 +14,13 @@
 
 """``tetra body``: the driver of one real body."""
 
+import argparse
 import json
 
 from tetra_ros2.commands import _arguments
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra body``."""
     parser.add_argument(
         '--id', type=int, required=True, metavar='I', help='whose body it is, from 1')
@@ -32,7 +33,7 @@ def add_arguments(parser):
     _arguments.add_node(parser)
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """Drive a body until it is signalled; return the exit status."""
     config, ros = _arguments.check_node(arguments, 'body')
     if arguments.driver is not None:

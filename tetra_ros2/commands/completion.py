@@ -26,6 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print it; return 0."""
-    import argcomplete  # optional
-    print(argcomplete.shellcode(['tetra'], shell=arguments.shell))
+    from argcomplete.shell_integration import shellcode  # optional
+    print(shellcode(['tetra'], shell=arguments.shell))
     return 0

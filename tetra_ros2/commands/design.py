@@ -14,11 +14,16 @@
 
 """``tetra design``: weights for a formation of one's own, at rest or turning."""
 
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import json
 import math
 from pathlib import Path
 import sys
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
@@ -35,10 +40,17 @@ from tetra_ros2.formation import (
     sphere,
     targets,
 )
-from tetra_ros2.formation.gain import KINDS
+from tetra_ros2.formation._types import Array
+from tetra_ros2.formation.gain import Gain, KINDS
 from tetra_ros2.formation.topology import POLYHEDRA
 from tetra_ros2.study.confidence import lower_bound
 import yaml
+
+if TYPE_CHECKING:
+    from tetra_ros2.formation.design import Design, Outcome
+
+Refusals = list[tuple[Gain, str]]
+"""The gains under which there is no good design, each with the reason."""
 
 GAINS = (('exponential', 1.0), ('rational', 1.0), ('cosine', 1.0), ('gaussian', 0.5),
          ('linear', 0.8))
@@ -55,7 +67,7 @@ TOLERANCE = 1e-3
 """The monitor's, by default [rad]."""
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra design``."""
     goal = parser.add_mutually_exclusive_group(required=True)
     goal.add_argument(
@@ -88,7 +100,7 @@ def add_arguments(parser):
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """
     Design a formation, print what was found, and write a configuration.
 
@@ -139,7 +151,7 @@ def run(arguments):
     return 0
 
 
-def _gains(arguments):
+def _gains(arguments: argparse.Namespace) -> list[Gain]:
     """Return the gains to try."""
     if arguments.gain is None:
         if arguments.gain_b is not None:
@@ -156,14 +168,14 @@ def _gains(arguments):
         raise ConfigurationError(str(error), key='--gain-b') from None
 
 
-def _points(arguments):
+def _points(arguments: argparse.Namespace) -> tuple[Array, str]:
     """Return the directions, unit vectors ``(n, 3)``, and where they are from."""
     if arguments.polyhedron is not None:
         return polyhedra.SOLIDS[arguments.polyhedron], '--polyhedron'
     return read_points(arguments.points), arguments.points
 
 
-def read_points(name):
+def read_points(name: str) -> Array:
     """
     Read directions from a file, as unit vectors ``(n, 3)``.
 
@@ -205,7 +217,7 @@ def read_points(name):
     return np.array(points)
 
 
-def _structured(text, name):
+def _structured(text: str, name: str) -> list[tuple[str, list[Any]]]:
     """Return the rows of a JSON or YAML document, each with its place."""
     try:
         document = yaml.safe_load(text)  # JSON is YAML
@@ -222,11 +234,13 @@ def _structured(text, name):
             for k, row in enumerate(document, 1)]
 
 
-def _search(arguments, points, gains, say):
+def _search(arguments: argparse.Namespace, points: Array, gains: Sequence[Gain],
+            say: Callable[[str], object]) -> tuple[tuple[Design, Outcome] | None, Refusals]:
     """Return the first design that forms, or the best, with its outcome; and what failed."""
     from tetra_ros2.formation import design  # as above
     spin = None if arguments.spin is None else np.array(arguments.spin)
-    best, refusals = None, []
+    best: tuple[Design, Outcome] | None = None
+    refusals: Refusals = []
     for gain in gains:
         say(f'{_named(gain)}: choosing weights')
         try:
@@ -246,7 +260,7 @@ def _search(arguments, points, gains, say):
 
 
 @contextmanager
-def _patience(arguments):
+def _patience(arguments: argparse.Namespace) -> Iterator[Callable[[str], object]]:
     """Yield a function that says on a terminal what is being done."""
     console = Console(stderr=True)
     if arguments.json or not console.is_terminal:
@@ -256,12 +270,12 @@ def _patience(arguments):
         yield status.update
 
 
-def _named(gain):
+def _named(gain: Gain) -> str:
     family = type(gain).__name__.lower()
     return f'{family} gain' + (f', b = {gain.b:g}' if family != 'cosine' else '')
 
 
-def _offset(made):
+def _offset(made: Design) -> float:
     """Return how far sampling at RATE takes the pairwise angles from those of the points [rad]."""
     if not made.equilibrium.spins:
         return 0.0
@@ -270,7 +284,7 @@ def _offset(made):
                                - measures.pairwise_angles(made.points))))
 
 
-def _figures(made, outcome):
+def _figures(made: Design, outcome: Outcome) -> dict[str, Any]:
     """Return the figures of a design as plain values."""
     arguments = (made.points, made.weights, made.gain)
     there = made.equilibrium
@@ -299,10 +313,11 @@ def _figures(made, outcome):
     }
 
 
-def _print(figures, made, outcome, refusals, arguments):
+def _print(figures: dict[str, Any], made: Design, outcome: Outcome, refusals: Refusals,
+           arguments: argparse.Namespace) -> None:
     table = Table.grid(padding=(0, 2))
 
-    def row(caption, text):
+    def row(caption: str, text: str) -> None:
         table.add_row(Text(caption, 'bold'), Text(text))
 
     for gain, reason in refusals:
@@ -336,13 +351,13 @@ def _print(figures, made, outcome, refusals, arguments):
     make_console().print(table)
 
 
-def _what(gamma):
+def _what(gamma: Array) -> str:
     """Return in words what shape a formation has."""
     name = targets.name(gamma)
     return equilibria.classify(gamma) if name.startswith('formation') else name
 
 
-def _configuration(made, offset, arguments):
+def _configuration(made: Design, offset: float, arguments: argparse.Namespace) -> str:
     """Return the text of a configuration that runs the design."""
     edges = [f'{i + 1} {j + 1} {made.weights[i, j]:.12g}'
              for i in range(len(made.points)) for j in range(len(made.points))

@@ -14,10 +14,12 @@
 
 """``tetra launcher``: plant, agents and monitor in one process, and a summary."""
 
+import argparse
+
 from tetra_ros2.commands import _arguments
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra launcher``."""
     _arguments.add_config(parser, default='complete')
     parser.add_argument(
@@ -45,8 +47,9 @@ def add_arguments(parser):
     _arguments.add_namespace(parser)
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """Run a formation for a time; return the exit status."""
     config, _ = _arguments.check_node(arguments, 'agent', 'plant', 'monitor', 'recorder')
+    assert config is not None  # it has a default
     from tetra_ros2 import report  # needs ROS
     return report.main(arguments, config, arguments.ros_arguments)

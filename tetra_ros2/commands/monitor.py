@@ -14,13 +14,15 @@
 
 """``tetra monitor``: the monitor in a process of its own."""
 
+import argparse
+
 from tetra_ros2.commands import _arguments
 from tetra_ros2.commands._arguments import add_node as add_arguments
 
 __all__ = ['add_arguments', 'run']
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """Run the monitor until it is signalled; return the exit status."""
     config, ros = _arguments.check_node(arguments, 'monitor')
     from tetra_ros2.nodes import monitor  # needs ROS

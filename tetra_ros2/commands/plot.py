@@ -14,7 +14,9 @@
 
 """``tetra plot``: the figures of a recording."""
 
-from contextlib import nullcontext
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 import sys
 
@@ -28,7 +30,7 @@ NEEDED = {'rates': 'commands', 'bodies': 'joint states', 'joints': 'joint states
 FORMATS = ('png', 'svg', 'pdf')
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra plot``."""
     parser.add_argument('bag', metavar='BAG', help='a rosbag2 directory')
     parser.add_argument(
@@ -52,7 +54,7 @@ def add_arguments(parser):
         help='of the formation, where the recording has several')
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """
     Write the figures.
 
@@ -108,17 +110,14 @@ def run(arguments):
     return 0
 
 
-def _progress():
-    """Return a context that gives a function to show progress with, on a terminal only."""
+@contextmanager
+def _progress() -> Iterator[Callable[[str, float], None]]:
+    """Yield a function to show progress with; on a terminal it moves a bar."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        return nullcontext(lambda _what, _part: None)
-
-    class Bar(Progress):
-
-        def __enter__(self):
-            super().__enter__()
-            task = self.add_task('', total=1.0)
-            return lambda what, part: self.update(task, description=what, completed=part)
-
-    return Bar(TextColumn('{task.description:<10}'), BarColumn(), console=console, transient=True)
+        yield lambda _what, _part: None
+        return
+    with Progress(TextColumn('{task.description:<10}'), BarColumn(), console=console,
+                  transient=True) as bar:
+        task = bar.add_task('', total=1.0)
+        yield lambda what, part: bar.update(task, description=what, completed=part)

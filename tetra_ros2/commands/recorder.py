@@ -14,12 +14,13 @@
 
 """``tetra recorder``: the recorder in a process of its own."""
 
+import argparse
 import json
 
 from tetra_ros2.commands import _arguments
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra recorder``."""
     parser.add_argument(
         'topics', nargs='*', metavar='TOPIC',
@@ -35,7 +36,7 @@ def add_arguments(parser):
     _arguments.add_node(parser)
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """Record until it is signalled; return the exit status."""
     config, ros = _arguments.check_node(arguments, 'recorder')
     for name in ('topics', 'regex', 'output', 'storage', 'use_sim_time'):

@@ -14,11 +14,12 @@
 
 """``tetra recover``: a whole recording from a torn one."""
 
+import argparse
 from datetime import datetime, timezone
 from pathlib import Path
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra recover``."""
     parser.add_argument('bag', metavar='DIR', help='a rosbag2 directory, MCAP or SQLite')
     parser.add_argument(
@@ -26,7 +27,7 @@ def add_arguments(parser):
         help='directory to make (default: DIR_recovered)')
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """
     Copy what can be read into a new bag, and say what is missing.
 
@@ -56,7 +57,7 @@ def run(arguments):
     return 0
 
 
-def _clock(time):
+def _clock(time: int) -> str:
     """Return a time [ns] as a date, or as seconds where it is formation time."""
     if time < 10**17:  # before 1973: nobody recorded then
         return f'{time / 1e9:.3f} s of formation time'

@@ -14,13 +14,15 @@
 
 """``tetra sensors``: what everybody sees, from poses that come from elsewhere."""
 
+import argparse
+
 from tetra_ros2.commands import _arguments
 from tetra_ros2.commands._arguments import add_node as add_arguments
 
 __all__ = ['add_arguments', 'run']
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """Run the sensors until they are signalled; return the exit status."""
     config, ros = _arguments.check_node(arguments, 'sensors')
     from tetra_ros2.nodes import sensors  # needs ROS

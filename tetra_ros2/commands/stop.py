@@ -14,16 +14,18 @@
 
 """``tetra stop``: hold all bodies, simulated and real, until they are released."""
 
+import argparse
+
 from tetra_ros2.commands import _arguments
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra stop``."""
     parser.add_argument('--release', action='store_true', help='let them go again')
     _arguments.add_namespace(parser)
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """Stop all bodies, or release them; return the exit status."""
     from tetra_ros2.config import configuration  # loads numpy
     namespace = configuration.check_namespace(arguments.namespace)

@@ -14,11 +14,14 @@
 
 """``tetra study``: very many random starts."""
 
+import argparse
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import json
 import math
 from pathlib import Path
 import sys
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -36,7 +39,7 @@ from tetra_ros2.formation.shapes import known_shape
 from tetra_ros2.study import executors, montecarlo
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra study``."""
     parser.add_argument(
         '--out', required=True, metavar='DIR', help='directory to make and write into')
@@ -79,7 +82,7 @@ def add_arguments(parser):
     parser.add_argument('--quiet', action='store_true', help='show no progress')
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """
     Run a study.
 
@@ -110,7 +113,7 @@ def run(arguments):
     return 0 if all(case['formed'] == plan.starts for case in summary['cases']) else 1
 
 
-def make_plan(arguments):
+def make_plan(arguments: argparse.Namespace) -> montecarlo.Plan:
     """
     Return the :class:`~tetra_ros2.study.montecarlo.Plan` that the arguments describe.
 
@@ -126,7 +129,7 @@ def make_plan(arguments):
         if not 0.0 < value < 1e6:
             raise ConfigurationError(
                 f'{value!r} is not valid, expected a number greater than 0', key=f'--{name}')
-    cases = []
+    cases: list[montecarlo.Case] = []
     for config in arguments.config or ['complete']:
         file = configuration.load(config)
         values = file.values('plant')
@@ -150,7 +153,7 @@ def make_plan(arguments):
         arguments.longest, montecarlo.CHUNK)
 
 
-def _format(arguments):
+def _format(arguments: argparse.Namespace) -> str:
     """Return the format of the results, after looking whether it can be written."""
     try:
         import pyarrow  # noqa: F401
@@ -160,11 +163,12 @@ def _format(arguments):
                 f'parquet needs pyarrow: {installation.install_command("study")}; or say csv',
                 key='--format') from None
         return 'csv'
-    return arguments.format or 'parquet'
+    form: str = arguments.format or 'parquet'
+    return form
 
 
 @contextmanager
-def _progress(total, done, quiet):
+def _progress(total: int, done: int, quiet: bool) -> Iterator[Callable[[], None]]:
     """Yield a function to call when a part is done; on a terminal it moves a bar."""
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
@@ -177,7 +181,7 @@ def _progress(total, done, quiet):
         yield lambda: bar.advance(task)
 
 
-def _print(summary, directory):
+def _print(summary: dict[str, Any], directory: Path) -> None:
     """Print a paragraph for each case: on eighty columns a table of this would be cut."""
     for case in summary['cases']:
         print(f'{case["name"]}\n'

@@ -154,8 +154,7 @@ def _paragraph(console: Console, key: str, label: str, lines: list[str],
 
 def _document(row: Row) -> dict[str, Any]:
     def plain(value: float | str) -> float | str | None:
-        number = not isinstance(value, str)
-        return None if number and not math.isfinite(value) else value
+        return value if isinstance(value, str) or math.isfinite(value) else None
 
     claim, result = row.claim, row.result
     return {'claim': claim.key, 'label': claim.label, 'says': claim.says, 'how': claim.how,

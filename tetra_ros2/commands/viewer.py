@@ -14,10 +14,12 @@
 
 """``tetra viewer``: the running formation, or a recording, in a browser."""
 
+import argparse
+
 from tetra_ros2.commands import _arguments
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tetra viewer``."""
     _arguments.add_web(parser)
     parser.add_argument(
@@ -28,7 +30,7 @@ def add_arguments(parser):
     _arguments.add_node(parser)
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """Show it until it is signalled; return the exit status."""
     config, ros = _arguments.check_node(arguments)  # a viewer has no parameters of its own
     if arguments.bag is not None:
