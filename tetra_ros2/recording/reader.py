@@ -21,18 +21,21 @@ topics of a formation in a rosbag2 directory.
 
 from array import array
 from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 import re
 
 import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation import rotation
-from tetra_ros2.formation._types import JointLimits
+from tetra_ros2.formation._types import Array, JointLimits
 from tetra_ros2.formation.checks import Rejected, UNIT_TOLERANCE
-from tetra_ros2.formation.identify import identify
+from tetra_ros2.formation.identify import Identified, identify
 from tetra_ros2.recording import joints
 from tetra_ros2.recording.bag import UNFINISHED
 from tetra_ros2.recording.joints import Joints
@@ -43,6 +46,15 @@ _COMMAND_TYPE = 'geometry_msgs/msg/TwistStamped'
 _EDGE = re.compile(names.relative_attitude(r'(\d+)', r'(\d+)'))
 _COMMAND = re.compile(names.cmd_vel(r'(\d+)'))
 _JOINTS = re.compile(names.joint_states(r'(\d+)'))
+
+Times = NDArray[np.int64]
+"""Times [ns]."""
+
+Key = int | str | tuple[str, int]
+"""0 for the state, an agent's number for its commands, ``('joints', i)`` and ``'diagnostics'``."""
+
+Collected = dict[Key, tuple[list[int], list[bytes]]]
+"""Times of arrival [ns] and messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +67,9 @@ class Commands:
     :param rates: angular velocities w_i in the body frame [rad/s], ``(m, 3)``
     """
 
-    arrived: np.ndarray
-    stamps: np.ndarray
-    rates: np.ndarray
+    arrived: Times
+    stamps: Times
+    rates: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,49 +96,50 @@ class Recording:
 
     path: Path
     namespace: str
-    arrived: np.ndarray
-    stamps: np.ndarray
-    gamma: np.ndarray
-    attitudes: np.ndarray
-    edges: tuple
-    commands: dict
+    arrived: Times
+    stamps: Times
+    gamma: Array
+    attitudes: Array
+    edges: tuple[tuple[int, int], ...]
+    commands: Mapping[int, Commands]
     dropped: int
     repeated: int = 0
     joints: dict[int, Joints] = field(default_factory=dict)
     limits: dict[str, JointLimits] = field(default_factory=dict)
 
     @property
-    def unused(self):
+    def unused(self) -> int:
         """Return how many states that say something of their own were not used."""
         return self.dropped - self.repeated
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Return the number of agents."""
-        return self.gamma.shape[1]
+        return int(self.gamma.shape[1])
 
     @property
-    def times(self):
+    def times(self) -> Array:
         """Return the time of each state since the first one [s], ``(k,)``."""
-        return (self.stamps - self.stamps[0]) / 1e9
+        times: Array = (self.stamps - self.stamps[0]) / 1e9
+        return times
 
     @property
-    def period(self):
+    def period(self) -> float | None:
         """Return the time from one state to the next [s], the median; None for a single state."""
         return float(np.median(np.diff(self.stamps))) / 1e9 if len(self.stamps) > 1 else None
 
     @property
-    def body_rates(self):
+    def body_rates(self) -> Array:
         """Return what each agent commanded in answer to each state [rad/s], ``(k, n, 3)``."""
         return np.stack([self.answers(i) for i in range(1, self.n + 1)], axis=1)
 
     @cached_property
-    def law(self):
+    def law(self) -> Identified | None:
         """Return the :class:`~tetra_ros2.formation.identify.Identified` law, or None."""
         return identify(
             self.gamma, rotation.rotate(self.attitudes, self.body_rates), self.edges)
 
-    def between(self, start, end=None):
+    def between(self, start: float, end: float | None = None) -> 'Recording':
         """
         Return the part of it between two times.
 
@@ -147,7 +160,7 @@ class Recording:
                            i: kept for i, track in self.joints.items()
                            if len((kept := track.between(stamps[0], stamps[-1])).stamps)})
 
-    def answers(self, i):
+    def answers(self, i: int) -> Array:
         """
         Return the command of agent i that answers each state.
 
@@ -166,7 +179,7 @@ class Recording:
             answers[found] = commands.rates[order[at[found]]]
         return answers
 
-    def ages(self, i):
+    def ages(self, i: int) -> Array:
         """
         Return how old the newest command of agent i was when each state was recorded [s].
 
@@ -184,7 +197,8 @@ class Recording:
         return ages
 
 
-def load(path, namespace=None, progress=None):
+def load(path: str | Path, namespace: str | None = None,
+         progress: Callable[[float], object] | None = None) -> Recording:
     """
     Read a recording.
 
@@ -222,7 +236,7 @@ def load(path, namespace=None, progress=None):
     return _assemble(path, namespace, edges, collected)
 
 
-def _choose(reader, wanted, path):
+def _choose(reader: Reader, wanted: str | None, path: Path) -> str:
     """Return the namespace to read, which is the one that there is or the one that was given."""
     suffix = '/' + names.ATTITUDES
     found = sorted({c.topic[:-len(suffix)] or '/' for c in reader.connections
@@ -242,26 +256,25 @@ def _choose(reader, wanted, path):
         source=path, key='--namespace')
 
 
-def _relative(topic, namespace):
+def _relative(topic: str, namespace: str) -> str | None:
     """Return a topic's name relative to a namespace, or None if it is not in it."""
     prefix = namespace.rstrip('/') + '/'
     return topic[len(prefix):] if topic.startswith(prefix) else None
 
 
-def _edges(reader, namespace):
+def _edges(reader: Reader, namespace: str) -> tuple[tuple[int, int], ...]:
     matches = [_EDGE.fullmatch(_relative(c.topic, namespace) or '') for c in reader.connections]
     return tuple(sorted({(int(m[1]), int(m[2])) for m in matches if m}))
 
 
-def _collect(reader, namespace, progress):
-    """
-    Return times of arrival and messages: of the state, of commands and joints, of diagnostics.
-
-    :returns: two lists each, by 0, an agent's number, ``('joints', i)`` and ``'diagnostics'``
-    """
-    keys, wanted = {}, []
+def _collect(reader: Reader, namespace: str,
+             progress: Callable[[float], object] | None) -> Collected:
+    """Return times of arrival and messages: of the state, commands, joints and diagnostics."""
+    keys: dict[int, Key] = {}
+    wanted: list[Connection] = []
     for connection in reader.connections:
         relative = _relative(connection.topic, namespace) or ''
+        key: Key
         if relative == names.ATTITUDES:
             key = 0
         elif (match := _COMMAND.fullmatch(relative)) and connection.msgtype == _COMMAND_TYPE:
@@ -275,7 +288,7 @@ def _collect(reader, namespace, progress):
             continue
         keys[connection.id] = key
         wanted.append(connection)
-    collected = defaultdict(lambda: ([], []))
+    collected: Collected = defaultdict(lambda: ([], []))
     by_id = {number: collected[key] for number, key in keys.items()}
     total = sum(connection.msgcount for connection in wanted)
     for count, (connection, arrived, message) in enumerate(reader.messages(wanted)):
@@ -289,8 +302,9 @@ def _collect(reader, namespace, progress):
     return collected
 
 
-def _assemble(path, namespace, edges, collected):
-    arrived, messages = collected.pop(0, ([], []))
+def _assemble(path: Path, namespace: str, edges: Sequence[tuple[int, int]],
+              collected: Collected) -> Recording:
+    came, messages = collected.pop(0, ([], []))
     n = _agents_in(messages)
     if n < 2:
         raise ConfigurationError(
@@ -300,7 +314,7 @@ def _assemble(path, namespace, edges, collected):
         raise ConfigurationError(
             f'holds no valid message on {names.ATTITUDES}, in the frame {names.WORLD!r}',
             source=path)
-    arrived = np.array(arrived, dtype=np.int64)[good]
+    arrived = np.array(came, dtype=np.int64)[good]
     poses = numbers.reshape(-1, n, 7)
     lengths = np.linalg.norm(poses[:, :, :3], axis=-1)
     kept = _longest_run(stamps)
@@ -314,8 +328,8 @@ def _assemble(path, namespace, edges, collected):
         collected.pop('diagnostics', ((), ()))[1], f'{namespace.rstrip("/")}/{names.PLANT}',
         next(iter(told.values())).names) if told else {}
     commands = {}
-    for i, (times, sent) in sorted(
-            item for item in collected.items() if isinstance(item[0], int)):
+    sent_by = {i: sent for i, sent in collected.items() if isinstance(i, int)}
+    for i, (times, sent) in sorted(sent_by.items()):
         good, of, numbers = _decode(sent, cdr.twist_stamped(names.body_frame(i)), 6)
         if 1 <= i <= n and len(good):
             commands[i] = Commands(
@@ -328,7 +342,7 @@ def _assemble(path, namespace, edges, collected):
         joints=told, limits=limits)
 
 
-def _agents_in(messages):
+def _agents_in(messages: Sequence[bytes]) -> int:
     """Return how many poses the states hold, as far as the first of them tells."""
     for message in messages:
         try:
@@ -338,7 +352,7 @@ def _agents_in(messages):
     return 0
 
 
-def _longest_run(stamps):
+def _longest_run(stamps: Times) -> NDArray[np.intp]:
     """
     Return the indices of the longest run of states in which time only goes forward.
 
@@ -351,7 +365,8 @@ def _longest_run(stamps):
     return run[np.diff(stamps[run], prepend=stamps[run[0]] - 1) > 0]
 
 
-def _decode(messages, codec, count):
+def _decode(messages: Sequence[bytes], codec: cdr.StampedNumbers,
+            count: int) -> tuple[NDArray[np.intp], Times, Array]:
     """
     Decode many messages of one type.
 

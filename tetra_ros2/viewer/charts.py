@@ -55,11 +55,11 @@ def _theta(i: int, j: int) -> str:
     return f'cos θ{str(i).translate(below)}{separator}{str(j).translate(below)}'
 
 
-def _axes(**vertical: Any) -> tuple[uplot.Axis, ...]:
+def _axes(splits: tuple[float, ...], values: tuple[str, ...]) -> tuple[uplot.Axis, ...]:
     # No colours: the page has those that can be seen on it, light or dark.
-    line = {'font': _FONT, 'labelFont': _FONT}
+    line = uplot.Axis(font=_FONT, labelFont=_FONT)
     return (uplot.Axis(**line, size=34, label='time [s]', labelSize=18, space=50),
-            uplot.Axis(**{**line, 'size': 52, 'space': 28, **vertical}))
+            uplot.Axis(**line, size=52, space=28, splits=splits, values=values))
 
 
 class Charts:
@@ -97,7 +97,8 @@ class Charts:
                                 dash=colors.pair_dash(k)) for k, label in enumerate(labels)]
         series += [uplot.Series(label=f'target {value:.4g}', stroke=colors.MUTED, width=1.5,
                                 dash=(6, 4)) for value in targets]
-        common = {'height': HEIGHT, 'cursor': uplot.Cursor(show=False), 'padding': (8, 12, 0, 0)}
+        common: dict[str, Any] = {
+            'height': HEIGHT, 'cursor': uplot.Cursor(show=False), 'padding': (8, 12, 0, 0)}
         self._cosines = self._gui.add_uplot(
             (nothing,) * len(series), tuple(series), title='cosines of the pairwise angles',
             legend=uplot.Legend(show=len(labels) <= 6, live=False), axes=_axes(
@@ -156,7 +157,8 @@ class Charts:
 def slope(times: NDArray[np.float64], error: NDArray[np.float64],
           rate: float | None) -> NDArray[np.float64]:
     """Return a line of the predicted slope beside the error; the error itself elsewhere."""
-    line = error.copy()  # and under it: uPlot could not show a series with gaps of NaN
+    # And under it: uPlot could not show a series with gaps of NaN.
+    line: NDArray[np.float64] = error.copy()
     large = np.flatnonzero(error > LINEAR)
     first = int(large[-1]) + 1 if len(large) else 0
     # A history that begins when all is over has no decay to compare with.

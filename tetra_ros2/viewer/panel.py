@@ -86,14 +86,15 @@ class Page:
         """Put in what comes below the controls: numbers and charts."""
         gui = self.server.gui
         self._arrows = gui.add_checkbox('arrows: who sees whom', True, visible=False)
-        self._arrows.on_update(lambda event: event.client is not None and self._show_arrows())
+        self._arrows.on_update(self._show_arrows)
         with gui.add_folder('theory and measurement'):
             self._table = gui.add_markdown('')
         self._charts = Charts(gui, gui.add_folder('charts'))
 
-    def _show_arrows(self) -> None:
-        self._scene.show_edges = bool(self._arrows.value)
-        self._drawn = None
+    def _show_arrows(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:  # a person's doing
+            self._scene.show_edges = bool(self._arrows.value)
+            self._drawn = None
 
     def know(self, theory: Theory) -> None:
         """Take what is known of the law; measurements of a decay begin anew where it changes."""
@@ -238,12 +239,16 @@ class Controls:
         self._start.on_click(lambda _: {
             RESET: actions.reset, RANDOM: actions.start_at_random}.get(
                 self._start.value, lambda: None)())
-        self._speed.on_click(lambda _: self._speed.value in SPEEDS and actions.set_speed(
-            SPEEDS[self._speed.value]))
-        # The value is set from here too, to follow what others do; only a person's counts.
-        self._gain.on_update(lambda event: event.client is not None and self._set_gain())
+        self._speed.on_click(lambda _: self._set_speed())
+        self._gain.on_update(self._set_gain)
 
-    def _set_gain(self) -> None:
+    def _set_speed(self) -> None:
+        if self._speed.value in SPEEDS:
+            self._actions.set_speed(SPEEDS[self._speed.value])
+
+    def _set_gain(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is None:
+            return  # set from here, to follow what others do; only a person's counts
         value = float(self._gain.value)
         if GAINS[0] <= value <= GAINS[1]:
             self._actions.set_gain(value)

@@ -14,19 +14,24 @@
 
 """``tetra viewer --bag``: a recording in a browser, with a time slider; no ROS in here."""
 
+import argparse
 from pathlib import Path
 import signal
 import threading
 import time
+from typing import Any
 
 import numpy as np
 from tetra_ros2 import signals
 from tetra_ros2.drawing.theory import recognize, Theory
 from tetra_ros2.recording import reader as recording
+from tetra_ros2.recording.reader import Recording
 from tetra_ros2.viewer import export
 from tetra_ros2.viewer.history import History, WINDOW
 from tetra_ros2.viewer.panel import FRAME_PERIOD, Page
+from tetra_ros2.viewer.scene import Edge
 from tetra_ros2.viewer.server import serve, stop
+import viser
 
 SPEEDS = {'¼': 0.25, '1': 1.0, '4': 4.0, '16': 16.0}
 
@@ -39,13 +44,13 @@ class Replay:
     :param loaded: a :class:`~tetra_ros2.recording.reader.Recording`
     """
 
-    def __init__(self, page, loaded):
+    def __init__(self, page: Page, loaded: Recording) -> None:
         self._page, self._recording = page, loaded
         self._times = loaded.times
         self._end = float(self._times[-1])
         self._lock = threading.Lock()  # the buttons are pressed in the server's threads
         self._time = 0.0
-        self._index = None  # of the state that is shown
+        self._index: int | None = None  # of the state that is shown
         self._playing = True
         self._speed = 1.0
         # Nobody can press a button where all are locked: then it plays on and on.
@@ -55,7 +60,7 @@ class Replay:
         self._make_controls(page.server.gui)
         page.finish()
 
-    def _make_controls(self, gui):
+    def _make_controls(self, gui: viser.GuiApi) -> None:
         with gui.add_folder('recording', visible=not self._repeats):
             self._play = gui.add_button('Pause')
             # Fine enough for every pixel, and a number of steps that the slider can do.
@@ -63,23 +68,26 @@ class Replay:
             self._slider = gui.add_slider('time [s]', 0.0, self._end, step, 0.0)
             speed = gui.add_button_group('speed', tuple(SPEEDS))
         self._play.on_click(lambda _: self._toggle())
-        self._slider.on_update(
-            lambda event: event.client is not None and self.seek(float(self._slider.value)))
+        self._slider.on_update(self._on_slider)
         speed.on_click(
             lambda _: setattr(self, '_speed', SPEEDS.get(speed.value, self._speed)))
 
-    def _toggle(self):
+    def _on_slider(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:  # a person's doing
+            self.seek(float(self._slider.value))
+
+    def _toggle(self) -> None:
         with self._lock:
             self._playing = not self._playing
             if self._playing and self._time >= self._end:
                 self._time = 0.0
 
-    def seek(self, moment):
+    def seek(self, moment: float) -> None:
         """Go to a time since the first state [s]."""
         with self._lock:
             self._time = min(max(moment, 0.0), self._end)
 
-    def advance(self, elapsed):
+    def advance(self, elapsed: float) -> None:
         """Play so much further [s of wall time], and draw what is to be seen then."""
         with self._lock:
             if self._playing:
@@ -96,7 +104,7 @@ class Replay:
                        f't = {moment:.2f} s of {self._end:.2f} s')
         self._page.draw()
 
-    def _show(self, index):
+    def _show(self, index: int) -> None:
         """Let the history be what it was at a state."""
         before, self._index = self._index, index
         stamps, gamma = self._recording.stamps, self._recording.gamma
@@ -110,7 +118,7 @@ class Replay:
         self._page.history.started_at = int(stamps[0])
 
 
-def _theory(loaded):
+def _theory(loaded: Recording) -> Theory:
     """Return what a recording tells of the law."""
     law = loaded.law
     if law is None:
@@ -119,14 +127,14 @@ def _theory(loaded):
     return Theory(loaded.n, topology, law.gain, loaded.period)
 
 
-def _edges(loaded):
+def _edges(loaded: Recording) -> tuple[Edge, ...]:
     """Return who sees whom, with weights where the commands tell them."""
     if loaded.law is not None:
         return loaded.law.rounded.edges
     return tuple((i, j, None) for i, j in loaded.edges)
 
 
-def write_page(arguments):
+def write_page(arguments: argparse.Namespace) -> int:
     """
     Write a recording as a page that plays by itself.
 
@@ -142,7 +150,7 @@ def write_page(arguments):
     return 0
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> int:
     """
     Show a recording until a signal comes.
 

@@ -42,7 +42,7 @@ _FACES = np.array([
 def _rounder(corners: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[
         NDArray[np.float64], NDArray[np.int64]]:
     """Return a ball with four faces in the place of each."""
-    points, known, made = corners.tolist(), {}, []  # type: ignore[var-annotated]
+    points, known, made = corners.tolist(), {}, []
 
     def middle(a: int, b: int) -> int:
         key = (min(a, b), max(a, b))

@@ -149,9 +149,10 @@ class Scene:
         if old is not None:
             old[1].remove()
         if rig.agents:
+            mesh: dict[str, Any] = rig.mesh(now)
             self._bodies[name] = rig, self._scene.add_mesh_skinned(
                 f'/formation/{name}', color=colors.rgb(color), opacity=opacity, side='double',
-                flat_shading=True, cast_shadow=False, receive_shadow=False, **rig.mesh(now))
+                flat_shading=True, cast_shadow=False, receive_shadow=False, **mesh)
 
     def _make_agents(self, now: NDArray[np.float64]) -> None:
         """Put in the axes, their tips and labels, and the edges."""
