@@ -14,13 +14,14 @@
 
 """The plant in lockstep: it waits for all answers, and then steps."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import time
+from typing import Any
 
 from rosgraph_msgs.msg import Clock as ClockMessage
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.simulation import period_of
-from tetra_ros2.nodes.stepper import agents_of, Steppable, Stepper, STILL
+from tetra_ros2.nodes.stepper import agents_of, Rate, Steppable, Stepper, STILL
 from tetra_ros2.ros import diagnostics, qos
 from tetra_ros2.ros.node import raw_publish
 from tetra_ros2.wire import cdr, names
@@ -136,18 +137,20 @@ class Lockstep(Stepper):
         self._still = tuple(self._rates)
         self._due = True  # whether the pace allows the next step
         self._waiting_since = time.monotonic()
-        self._last_stamp = None
-        self._pace = None  # between two steps [s]
+        self._last_stamp: int | None = None
+        self._pace: float | None = None  # between two steps [s]
         self._round_trip = RoundTrip()
         self._repeated = 0  # how often this step was repeated
         self._repeated_at = self._sent_before = 0.0  # the last time, and what came before that
         self._heard_at = 0.0  # the last answer before anything of its step was repeated
         self._lost_at = -ALERT  # when it last turned out that something had been lost
-        self._watchdog = self._rapid = self._pacer = None
+        self._watchdog: Any = None
+        self._rapid: Any = None
+        self._pacer: Any = None
         self._send_time = raw_publish(
             plant.offer(ClockMessage, names.CLOCK, qos.NEWEST, exclusive=True))
 
-    def configure(self, values):
+    def configure(self, values: Mapping[str, Any]) -> None:
         """Take the parameters, at the start and whenever they change."""
         self._period = period_of(values['rate'])
         self._h = self._period / 1e9
@@ -169,29 +172,29 @@ class Lockstep(Stepper):
             self._pacer = None if pace is None else self._plant.create_steady_timer(
                 pace, self._on_due)
 
-    def start(self):
+    def start(self) -> None:
         """Publish the state at hand and wait for the answers."""
         self._begin_step()
 
-    def stop(self):
+    def stop(self) -> None:
         """Take no step any more."""
         self.paused = True
 
-    def pause(self, paused):
+    def pause(self, paused: bool) -> None:
         """Stop, or go on."""
         self.paused = paused
         self._advance()
 
-    def run_until(self, stamp):
+    def run_until(self, stamp: int) -> None:
         """Go on, and pause at the first step at or after a stamp [ns]."""
         self._last_stamp = stamp
         self.pause(False)
 
-    def state_changed(self):
+    def state_changed(self) -> None:
         """Let the state count as that of a step of its own."""
         self._begin_step()
 
-    def command(self, i, stamp, rate):
+    def command(self, i: int, stamp: int, rate: Rate) -> None:
         """
         Take the command of agent i as its answer to the measurements of a time.
 
@@ -229,7 +232,7 @@ class Lockstep(Stepper):
         elif self._round_trip.was_needed(now - self._repeated_at, now - self._sent_before):
             self._lost_at = now
 
-    def _begin_step(self):
+    def _begin_step(self) -> None:
         self.stamp += self._period
         self._rates[:] = self._still
         self._missing = self._everybody & ~self._absent
@@ -237,11 +240,11 @@ class Lockstep(Stepper):
         self._repeated = 0
         self._publish()
 
-    def _publish(self):
+    def _publish(self) -> None:
         self._send_time(cdr.head(self.stamp))
         self._plant.publish(self.stamp)
 
-    def _advance(self):
+    def _advance(self) -> None:
         """Take the step if there is nothing left to wait for."""
         if self._missing or self.paused or not self._due or self._plant.held_agents():
             return
@@ -253,11 +256,11 @@ class Lockstep(Stepper):
         self.steps += 1
         self._begin_step()
 
-    def _on_due(self):
+    def _on_due(self) -> None:
         self._due = True
         self._advance()
 
-    def _on_watchdog(self):
+    def _on_watchdog(self) -> None:
         """Look after the step at hand, and more often for a while once something was lost."""
         self._look()
         losing = time.monotonic() - self._lost_at < ALERT
@@ -267,7 +270,7 @@ class Lockstep(Stepper):
             self._plant.destroy_timer(self._rapid)
             self._rapid = None
 
-    def _look(self):
+    def _look(self) -> None:
         """Repeat the measurements, or give up on those who do not answer."""
         now = time.monotonic()
         waited = now - self._waiting_since
@@ -298,7 +301,7 @@ class Lockstep(Stepper):
         self._repeated += 1
         self.repetitions += 1
 
-    def assess(self, health):
+    def assess(self, health: diagnostics.Health) -> diagnostics.Assessment:
         """Return level, message and figures for the diagnostics."""
         rates = health.rates({'step rate [Hz]': self.steps})
         waited = time.monotonic() - self._waiting_since
