@@ -234,7 +234,7 @@ def _print_bodies(row: Callable[[str, str], None], b: Demands, rate: float) -> N
                     f'turns at {b.body_rate:.4g} rad/s, {b.angular_acceleration:.4g} rad/s^2')
     else:
         row('', f'not stable with {b.bandwidth:g} 1/s: take a faster rate loop')
-    if b.torque is None:
+    if b.torque is None or b.torque_limit is None or b.enough_torque is None:
         return
     row('wheels', f'saturate where a command is off by more than {b.saturation_rate:.3g} rad/s; '
                   f'turn a body at {b.rate_limit:.4g} rad/s at most')

@@ -117,7 +117,7 @@ class _Mcap(McapWriter):
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
         self.bio.close()
-        self.bio = _File(self.path, 'r+')
+        self.bio = _File(self.path, 'r+')  # type: ignore[assignment]  # one without a buffer
         self.bio.seek(0, os.SEEK_END)
         self._begin = self.bio.tell()  # of the open chunk; where the file stands, but for errors
         self._given = 0  # how much of it is in the file
@@ -285,7 +285,9 @@ class _Described:
 
 
 class _Writer(Writer):
-    STORAGE_PLUGINS: ClassVar = {StoragePlugin.MCAP: _Mcap, StoragePlugin.SQLITE3: _Sqlite}
+    # rosbags does not call it a ClassVar, and means one.
+    STORAGE_PLUGINS: ClassVar = {  # type: ignore[misc]
+        StoragePlugin.MCAP: _Mcap, StoragePlugin.SQLITE3: _Sqlite}
 
 
 class Bag:
@@ -357,7 +359,7 @@ class Bag:
         """Return what writes the metadata of a bag that is not finished."""
         description = copy(self._writer)
         description.connections = list(self._writer.connections)
-        description.storage = _Described(self._storage.path)
+        description.storage = _Described(self._storage.path)  # type: ignore[assignment]
         description.counts = dict(self._counts)
         description.min_timestamp = self._start if any(self._counts.values()) else 0
         description.max_timestamp = self._end

@@ -14,17 +14,25 @@
 
 """The figures of a recording, with matplotlib."""
 
+from __future__ import annotations
+
 from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
+from pathlib import Path
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 import numpy as np
 from tetra_ros2.drawing import bodies, colors, style
 from tetra_ros2.drawing import picture as drawing
 from tetra_ros2.drawing.theory import recognize, Theory
 from tetra_ros2.formation import measures
-from tetra_ros2.formation._types import JointLimits
+from tetra_ros2.formation._types import Array, JointLimits
+from tetra_ros2.recording.joints import Joints
+from tetra_ros2.recording.reader import Recording
 
 POINTS = 1500
 """As many points of a line as a figure can show."""
@@ -47,7 +55,7 @@ class Run:
     :param recording: a :class:`~tetra_ros2.recording.reader.Recording`
     """
 
-    def __init__(self, recording):
+    def __init__(self, recording: Recording) -> None:
         self.recording = recording
         self.times, self.gamma, self.n = recording.times, recording.gamma, recording.n
 
@@ -59,22 +67,22 @@ class Run:
             else law.rounded.edges
 
     @cached_property
-    def cosines(self):
+    def cosines(self) -> Array:
         """Return ``cos(theta_ij)`` for i < j, ``(k, n (n - 1) / 2)``."""
         return measures.pairwise_cosines(self.gamma)
 
     @cached_property
-    def error(self):
+    def error(self) -> Array:
         """Return how far the worst pairwise angle is [rad], from the last where none is known."""
         return self.theory.error(self.gamma)
 
     @cached_property
-    def predicted_rate(self):
+    def predicted_rate(self) -> float | None:
         """Return the rate [1/s] at which theory lets the error decay in the end, or None."""
         return self.theory.rates[1]
 
 
-def write(run, name, directory, formats):
+def write(run: Run, name: str, directory: Path, formats: Iterable[str]) -> list[Path]:
     """
     Write one figure.
 
@@ -95,38 +103,39 @@ def write(run, name, directory, formats):
     return paths
 
 
-def _axes(rows=1, size=(8.0, 4.2)):
-    figure = Figure(figsize=size, layout='constrained')
-    return figure, figure.subplots(rows, 1, sharex=True)
+def _axes() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(8.0, 4.2), layout='constrained')
+    return figure, figure.subplots()
 
 
-def _thin(run, values):
+def _thin(run: Run, values: Array) -> tuple[Array, Array]:
     """Return times and values, of which no more than a line can show."""
     step = -(-len(run.times) // POINTS)
     return run.times[::step], values[::step]
 
 
-def _agent_line(axes, run, values, i):
+def _agent_line(axes: Axes, run: Run, values: Array, i: int) -> None:
     """Draw what belongs to an agent, with its colour, dashes and markers."""
     times, values = _thin(run, values)
     axes.plot(times, values, **style.agent(i), label=f'agent {i}', markersize=4,
               markeredgewidth=0.0, markevery=style.marks(i - 1, len(times)))
 
 
-def _legend(axes, count):
+def _legend(axes: Axes, count: int) -> None:
     if count <= 24:
         axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), labelspacing=0.4,
                     ncols=1 if count <= 12 else 2)
 
 
-def _sphere(run):
+def _sphere(run: Run) -> Figure:
     figure = Figure(figsize=(5.4, 5.4))
     drawing.draw(figure.add_axes((0.0, 0.0, 1.0, 1.0)), run.times, run.gamma, run.edges)
     return figure
 
 
-def _components(run):
-    figure, rows = _axes(3, (8.0, 6.4))
+def _components(run: Run) -> Figure:
+    figure = Figure(figsize=(8.0, 6.4), layout='constrained')
+    rows = figure.subplots(3, 1, sharex=True)
     for component, axes in enumerate(rows):
         for i in range(1, run.n + 1):
             _agent_line(axes, run, run.gamma[:, i - 1, component], i)
@@ -137,7 +146,7 @@ def _components(run):
     return figure
 
 
-def _cosines(run):
+def _cosines(run: Run) -> Figure:
     figure, axes = _axes()
     pairs = measures.pairs(run.n)
     for index, (i, j) in enumerate(pairs):
@@ -156,7 +165,7 @@ def _cosines(run):
     return figure
 
 
-def _error(run):
+def _error(run: Run) -> Figure:
     figure, axes = _axes()
     if run.predicted_rate is not None and (anchor := _anchor(run)) is not None:
         rate, (since, size) = run.predicted_rate, anchor
@@ -166,7 +175,7 @@ def _error(run):
     times, error = _thin(run, np.maximum(run.error, FLOOR))
     axes.semilogy(times, error, color=colors.INK, linewidth=1.4, label='measured')
     floor = run.theory.floor
-    if floor is not None and floor > 1e-9:
+    if floor is not None and run.theory.h is not None and floor > 1e-9:
         axes.axhline(floor, color=colors.AGENTS[1], linestyle=(0, (4, 3)), linewidth=1.0,
                      label=f'left by sampling at {1.0 / run.theory.h:.4g} Hz: {floor:.3g} rad')
     goal = f'from the {run.shape.name}' if run.shape is not None else 'from the last shape'
@@ -176,14 +185,14 @@ def _error(run):
     return figure
 
 
-def _anchor(run):
+def _anchor(run: Run) -> tuple[float, float] | None:
     """Return time and size of the error when it last became small enough to be linear."""
     large = np.flatnonzero(run.error > 0.1)
     first = large[-1] + 1 if len(large) else 0
     return (run.times[first], run.error[first]) if first < len(run.times) else None
 
 
-def _rates(run):
+def _rates(run: Run) -> Figure | None:
     if not run.recording.commands:
         return None
     figure, axes = _axes()
@@ -196,7 +205,7 @@ def _rates(run):
     return figure
 
 
-def _bodies(run):
+def _bodies(run: Run) -> Figure | None:
     """Return the formation with its bodies, where they are known to have joints."""
     if not run.recording.joints:
         return None
@@ -211,25 +220,27 @@ def _bodies(run):
     return figure
 
 
-def _joints(run):
+def _joints(run: Run) -> Figure | None:
     """Return a panel for each joint that has a range, one for speeds, and one for torques."""
     if not run.recording.joints:
         return None
     kinds = Counter(track.names for track in run.recording.joints.values())
-    names = max(kinds, key=kinds.get)  # a panel cannot be of joints that most have not
+    names = max(kinds, key=kinds.__getitem__)  # a panel cannot be of joints that most have not
     tracks = {i: track for i, track in run.recording.joints.items() if track.names == names}
     limits = {name: run.recording.limits.get(name, JointLimits()) for name in names}
-    rows = [(f'{name} [rad]', 'positions', [k]) for k, name in enumerate(names)
-            if name in (bodies.PAN, bodies.TILT) or np.isfinite(
-                limits[name].high - limits[name].low)]
+    rows: list[tuple[str, str, Sequence[int]]] = [
+        (f'{name} [rad]', 'positions', [k]) for k, name in enumerate(names)
+        if name in (bodies.PAN, bodies.TILT) or np.isfinite(
+            limits[name].high - limits[name].low)]
     rows += [('speed [rad/s]', 'velocities', range(len(names))),
              ('torque [N m]', 'efforts', range(len(names)))]
     rows = [row for row in rows if any(
         np.any(np.isfinite(getattr(track, row[1])[:, row[2]])) for track in tracks.values())]
     if not rows:
         return None
-    figure = Figure(figsize=(8.0, 0.6 + 2.0 * len(rows)), layout='constrained')
-    figure.get_layout_engine().set(w_pad=0.15)  # long numbers push the labels out otherwise
+    # Long numbers push the labels out otherwise.
+    figure = Figure(figsize=(8.0, 0.6 + 2.0 * len(rows)),
+                    layout=ConstrainedLayoutEngine(w_pad=0.15))
     panels = np.atleast_1d(figure.subplots(len(rows), 1, sharex=True))
     for axes, (label, quantity, columns) in zip(panels, rows, strict=True):
         ends = _ends(limits, names, quantity, columns)
@@ -240,7 +251,8 @@ def _joints(run):
     return figure
 
 
-def _ends(limits, names, quantity, columns):
+def _ends(limits: Mapping[str, JointLimits], names: Sequence[str], quantity: str,
+          columns: Iterable[int]) -> tuple[float, float]:
     """Return the lower and the upper limit of some joints, the narrowest; infinite for none."""
     of = [limits[names[k]] for k in columns]
     if quantity == 'positions':
@@ -249,7 +261,8 @@ def _ends(limits, names, quantity, columns):
     return -widest, widest
 
 
-def _joint_panel(axes, first, tracks, quantity, columns, ends):
+def _joint_panel(axes: Axes, first: int, tracks: Mapping[int, Joints], quantity: str,
+                 columns: Sequence[int], ends: tuple[float, float]) -> None:
     largest, at_limit, count = 0.0, 0, 0
     for i, track in sorted(tracks.items()):
         values = getattr(track, quantity)[:, columns]
@@ -274,7 +287,7 @@ def _joint_panel(axes, first, tracks, quantity, columns, ends):
     axes.set_title(f'{span}; at most {largest:.3g}{share}', loc='left')
 
 
-def _timing(run):
+def _timing(run: Run) -> Figure | None:
     """Return panels for what there is: periods, their jitter, and the age of commands."""
     periods = np.diff(run.recording.stamps) / 1e6
     if not len(periods):
@@ -286,7 +299,7 @@ def _timing(run):
         age = 1e3 * run.recording.ages(i)
         if np.any(np.isfinite(age)):
             ages[i] = np.sort(age[np.isfinite(age)])
-    panels = [lambda axes: _periods(axes, run, periods, typical)]
+    panels: list[Callable[[Axes], None]] = [lambda axes: _periods(axes, run, periods, typical)]
     if np.any(jitter > 1e-9):
         panels.append(lambda axes: _jitter(axes, jitter))
     if ages:
@@ -297,7 +310,7 @@ def _timing(run):
     return figure
 
 
-def _periods(axes, run, periods, typical):
+def _periods(axes: Axes, run: Run, periods: Array, typical: float) -> None:
     step = -(-len(periods) // (4 * POINTS))
     axes.plot(run.times[1:][::step], periods[::step], '.', color=colors.INK, markersize=2.5)
     axes.set(xlabel='time [s]', ylabel='period [ms]')
@@ -306,7 +319,7 @@ def _periods(axes, run, periods, typical):
     axes.set_ylim(bottom=0.0)
 
 
-def _jitter(axes, jitter):
+def _jitter(axes: Axes, jitter: Array) -> None:
     ordered = np.sort(np.maximum(jitter, 1e-3))
     share = 1.0 - np.arange(len(ordered)) / len(ordered)
     step = -(-len(ordered) // POINTS)
@@ -315,7 +328,7 @@ def _jitter(axes, jitter):
     axes.set_title(f'jitter: 99 % below {float(np.percentile(jitter, 99.0)):.3g} ms', loc='left')
 
 
-def _ages(axes, run, ages):
+def _ages(axes: Axes, run: Run, ages: Mapping[int, Array]) -> None:
     for i, ordered in ages.items():
         share = np.arange(1, len(ordered) + 1) / len(ordered)
         keep = np.unique(np.linspace(0, len(ordered) - 1, POINTS).astype(int))
@@ -329,5 +342,6 @@ def _ages(axes, run, ages):
     _legend(axes, run.n)
 
 
-_FIGURES = {'sphere': _sphere, 'components': _components, 'cosines': _cosines, 'error': _error,
+_FIGURES: dict[str, Callable[[Run], Figure | None]] = {
+    'sphere': _sphere, 'components': _components, 'cosines': _cosines, 'error': _error,
             'rates': _rates, 'timing': _timing, 'bodies': _bodies, 'joints': _joints}

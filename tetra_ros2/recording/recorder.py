@@ -20,6 +20,7 @@ It needs no rosbag2: the files are written by rosbags, in a process of its own, 
 """
 
 from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from importlib import import_module
 from operator import itemgetter
@@ -27,9 +28,12 @@ from pathlib import Path
 import re
 import shutil
 import time
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 import rosbags  # noqa: F401, to miss it here and not in the process that writes
 from tetra_ros2.config.configuration import check_new
 from tetra_ros2.config.parameters import ConfigurationError
@@ -51,6 +55,14 @@ DEPTH = 10000
 
 _TYPE = re.compile(r'(\w+)/msg/(\w+)')
 
+Policy = TypeVar('Policy', ReliabilityPolicy, DurabilityPolicy)
+
+Taken = tuple[bytes, Mapping[str, int]]
+"""A message and what is known about it."""
+
+Come = list[tuple[int, int | None, bytes]]
+"""Of each message when it came [ns], the number of its topic, and its bytes."""
+
 
 class Recorder(FormationNode):
     """
@@ -69,7 +81,7 @@ class Recorder(FormationNode):
         existing path is never written to
     """
 
-    def __init__(self, *, sim_time=False, **kwargs):
+    def __init__(self, *, sim_time: bool = False, **kwargs: Any) -> None:
         super().__init__(names.RECORDER, **kwargs)
         values = parameters.declare(self, 'recorder', self._accept, lambda _: None)
         self._wanted = re.compile('|'.join(f'(?:{p})' for p in self._patterns(values)))
@@ -78,29 +90,30 @@ class Recorder(FormationNode):
         sim_time = sim_time or self.get_parameter('use_sim_time').value
         self._sim_time = SimulatedTime() if sim_time else None
         self._latest = 0  # time of the last message that was written [ns]
-        self._number_of_clock = None  # the number of that topic, None if it is not to be recorded
-        self._recorded = []  # topics, by the number that the writer gave them
-        self._heard = set()  # topics
-        self._refused = {}  # why others are not recorded: texts, by topic
-        self.failure = None  # why the recording ended before it was to end, a text
-        self._queues = []  # for each topic: its number, and what gives its next message
-        self._ahead = []  # what came while the last reading went on
-        self._written = Counter()  # how many messages, by the topic's number
-        self._writer = self._open(values['storage'])
+        self._number_of_clock: int | None = None  # of that topic, if it is to be recorded
+        self._recorded: list[str] = []  # topics, by the number that the writer gave them
+        self._heard: set[str] = set()  # topics
+        self._refused: dict[str, str] = {}  # why others are not recorded: texts, by topic
+        self.failure: str | None = None  # why the recording ended before it was to end, a text
+        # For each topic: its number, and what gives its next message.
+        self._queues: list[tuple[int | None, Callable[[], Taken | None]]] = []
+        self._ahead: Come = []  # what came while the last reading went on
+        self._written: Counter[int] = Counter()  # how many messages, by the topic's number
+        self._writer: BagWriter | None = self._open(values['storage'])
         self.add_on_set_parameters_callback(self._keep_to_one_time)
         self.report_health()
         self.create_steady_timer(DISCOVERY_PERIOD, self.discover)
         self.create_steady_timer(READING_PERIOD, self._read)
         self.discover()
 
-    def _accept(self, values):
+    def _accept(self, values: Mapping[str, Any]) -> None:
         try:
             re.compile(values['regex'])
         except re.error as error:
             raise ConfigurationError(
                 f'{values["regex"]!r} is not a regular expression: {error}', key='regex') from None
 
-    def _keep_to_one_time(self, given):
+    def _keep_to_one_time(self, given: list[Parameter]) -> SetParametersResult:
         """Refuse another source of time: half of the bag would be of one, half of the other."""
         for parameter in given:
             if parameter.name == 'use_sim_time' \
@@ -109,7 +122,7 @@ class Recorder(FormationNode):
                     successful=False, reason='a recording keeps to the time that it began with')
         return SetParametersResult(successful=True)
 
-    def _patterns(self, values):
+    def _patterns(self, values: Mapping[str, Any]) -> list[str]:
         """Return regular expressions of the full names of the topics to record."""
         namespace = self.get_namespace().rstrip('/')
         patterns = [re.escape(topic if topic.startswith('/') else f'{namespace}/{topic}')
@@ -121,7 +134,7 @@ class Recorder(FormationNode):
             patterns.append(values['regex'])
         return patterns
 
-    def _open(self, storage):
+    def _open(self, storage: str) -> BagWriter:
         check_new(self.path)
         try:
             writer = BagWriter(self.path, storage)
@@ -131,7 +144,7 @@ class Recorder(FormationNode):
         self.get_logger().info(f'recording into {self.path}')
         return writer
 
-    def close(self):
+    def close(self) -> None:
         """End the recording; what has come so far is all there, and the bag is complete."""
         self._read()
         self._write(self._ahead)
@@ -147,14 +160,14 @@ class Recorder(FormationNode):
             f'{sum(self.counts.values())} messages of {len(self.counts)} topics are in '
             f'{self.path}')
 
-    def discard(self):
+    def discard(self) -> None:
         """Record nothing after all: the directory goes, which was made for this recording."""
         if self._writer is not None:
             self._writer.abort()
             self._end()
             shutil.rmtree(self.path)
 
-    def _fail(self, error):
+    def _fail(self, error: BagError) -> None:
         """Give up recording: what is on the disk stays there, and may have to be recovered."""
         writer = self._writer
         self._end()
@@ -162,10 +175,11 @@ class Recorder(FormationNode):
         self.failure = str(error)
         if self.health is not None:
             self.health.report()  # before it waits
-        self.failure = writer.give_up(error)
+        if writer is not None:
+            self.failure = writer.give_up(error)
         self.get_logger().error(f'{self.path} cannot be written any more: {self.failure}')
 
-    def _end(self):
+    def _end(self) -> None:
         """Listen no more: what nobody reads would pile up."""
         self._writer = None
         self._queues.clear()
@@ -174,18 +188,18 @@ class Recorder(FormationNode):
             self.destroy_subscription(self.inputs.pop())
 
     @property
-    def counts(self):
+    def counts(self) -> dict[str, int]:
         """Return how many messages of each topic were recorded."""
         self._read()
         return {topic: self._written[k] for k, topic in enumerate(self._recorded)}
 
-    def _follow(self, message, at):
+    def _follow(self, clock: SimulatedTime, message: bytes, at: int) -> None:
         try:
-            self._sim_time.hear(cdr.time(message), at)
+            clock.hear(cdr.time(message), at)
         except Rejected as rejection:
             self.health.reject(rejection, names.CLOCK)
 
-    def _take(self, take):
+    def _take(self, take: Callable[[], Taken | None]) -> Taken | None:
         """Return a queue's next message, or None if there is none, or it cannot be read."""
         try:
             return take()
@@ -193,7 +207,7 @@ class Recorder(FormationNode):
             self.health.reject(type(error).__name__, 'the middleware')
             return None
 
-    def _read(self):
+    def _read(self) -> None:
         """Have all that has come written, in the order in which it came."""
         come, self._ahead = self._ahead, []
         begun = time.time_ns()
@@ -210,14 +224,14 @@ class Recorder(FormationNode):
                 (come if latest <= begun else self._ahead).append((latest, number, message))
         self._write(come)
 
-    def _write(self, come):
-        """Have messages written: lists of when they came [ns], topic and bytes."""
+    def _write(self, come: Come) -> None:
+        """Have messages written."""
         come.sort(key=itemgetter(0))
-        messages = []
+        messages: list[tuple[int, int, bytes]] = []
         for at, number, message in come:
             if self._sim_time is not None:
                 if number == self._number_of_clock:
-                    self._follow(message, at)
+                    self._follow(self._sim_time, message, at)
                 at = self._sim_time.now
             elif at < self._latest:  # the system's clock was set back; a bag's may not be
                 at = self._latest
@@ -234,12 +248,12 @@ class Recorder(FormationNode):
             return
         self._written.update([number for number, _, _ in messages])
 
-    def discover(self):
+    def discover(self) -> None:
         """Begin to record those of the wanted topics that have appeared."""
         for topic, types in self.get_topic_names_and_types():
             if self._writer is None:  # even the last topic may have been one too many
                 return
-            wanted = self._wanted.fullmatch(topic)
+            wanted = self._wanted.fullmatch(topic) is not None
             if topic in self._heard or not (wanted or self._goes_by(topic)):
                 continue
             try:
@@ -256,10 +270,10 @@ class Recorder(FormationNode):
                 self._refused[topic] = refusal
                 self.get_logger().warning(f'{topic} is not recorded, {refusal}')
 
-    def _goes_by(self, topic):
+    def _goes_by(self, topic: str) -> bool:
         return topic == names.CLOCK and self._sim_time is not None
 
-    def _consider(self, topic, types, wanted):
+    def _consider(self, topic: str, types: Sequence[str], wanted: bool) -> str | None:
         """Record a topic if it can be; return why not, or None."""
         expected = names.message_type(topic, self.get_namespace())
         if expected is not None and expected not in types:
@@ -277,7 +291,8 @@ class Recorder(FormationNode):
                     return None
         return refusal
 
-    def _listen(self, topic, type_name, publishers, wanted):
+    def _listen(self, topic: str, type_name: str, publishers: Sequence[TopicEndpointInfo],
+                wanted: bool) -> str | None:
         """Subscribe to a topic, and announce it to the process that writes if it is wanted."""
         message_type, number = _import(type_name), None
         unknown = f'its type {type_name} is unknown'
@@ -292,7 +307,7 @@ class Recorder(FormationNode):
         subscription = self.create_subscription(
             message_type, topic, _never_called, profile, raw=True)
         try:
-            if wanted:
+            if wanted and self._writer is not None:
                 number = self._writer.add_topic(
                     topic, type_name, str(publishers[0].topic_type_hash),
                     [_offered(publisher.qos_profile) for publisher in publishers])
@@ -310,7 +325,7 @@ class Recorder(FormationNode):
         self._queues.append((number, self.queue(subscription)))
         return None
 
-    def assess(self):
+    def assess(self) -> diagnostics.Assessment:
         """Return level, message and figures for the diagnostics."""
         counts = self.counts
         total = sum(counts.values())
@@ -331,7 +346,7 @@ class Recorder(FormationNode):
         return diagnostics.OK, 'recording', values
 
 
-def _import(type_name):
+def _import(type_name: str) -> type | None:
     """Return the class of a message type, or None if there is none here."""
     if not (parts := _TYPE.fullmatch(type_name)):
         return None
@@ -341,17 +356,18 @@ def _import(type_name):
         return None
 
 
-def _never_called(_message):
+def _never_called(_message: bytes) -> None:
     """Stand for the callback that rclpy wants: messages are read instead."""
 
 
-def _common(publishers, policy, strong, weak):
+def _common(publishers: Sequence[TopicEndpointInfo], policy: str, strong: Policy,
+            weak: Policy) -> Policy:
     """Return the stronger policy if all publishers offer it, so that all can be heard."""
     offered = {getattr(publisher.qos_profile, policy) for publisher in publishers}
     return strong if offered == {strong} else weak
 
 
-def _offered(profile):
+def _offered(profile: QoSProfile) -> tuple[Any, ...]:
     """Return a quality of service profile as :class:`BagWriter` takes it."""
     return (profile.history.value, profile.depth, profile.reliability.value,
             profile.durability.value, profile.deadline.nanoseconds, profile.lifespan.nanoseconds,
@@ -359,7 +375,7 @@ def _offered(profile):
             profile.avoid_ros_namespace_conventions)
 
 
-def main(config=None, arguments=()):
+def main(config: str | Path | None = None, arguments: Sequence[str] = ()) -> int:
     """Record until signalled; see :func:`tetra_ros2.ros.executor.run`."""
     executor.look_around()
     return executor.run(Recorder, config, arguments)

@@ -22,6 +22,9 @@ recorder that was killed leaves a whole bag too. If this process itself is kille
 than a second before is on the disk, and :mod:`tetra_ros2.recording.recover` makes a bag of it.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
 import marshal
@@ -33,6 +36,17 @@ import struct
 import subprocess
 import sys
 import time
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from io import RawIOBase
+
+    from rosbags.interfaces import Qos
+    from rosbags.typesys.store import Typestore
+    from tetra_ros2.recording.bag import Bag
+
+Messages = Sequence[tuple[int, int, bytes]]
+"""Of each message the number of its topic, its time [ns] and its bytes."""
 
 PIPE_SIZE = 1 << 20
 """How much may wait to be written before the recorder waits [bytes], where it can be chosen."""
@@ -67,20 +81,25 @@ class BagWriter:
     :raises BagError: if the directory cannot be made
     """
 
-    def __init__(self, path, storage):
+    def __init__(self, path: Path, storage: str) -> None:
         # In a session of its own, so that Ctrl-C on a terminal is the recorder's alone.
         self._process = subprocess.Popen(
             [sys.executable, '-m', __name__, str(path), storage], start_new_session=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
-            **({'pipesize': PIPE_SIZE} if sys.platform == 'linux' else {}))
+            pipesize=PIPE_SIZE if sys.platform == 'linux' else -1)
+        requests, answers = self._process.stdin, self._process.stdout
+        assert requests is not None
+        assert answers is not None
+        self._stdin, self._stdout = requests, answers
         try:
             self._answer()
         except BaseException:
             self.abort()
             raise
 
-    def add_topic(self, name, type_name, type_hash, profiles):
+    def add_topic(self, name: str, type_name: str, type_hash: str,
+                  profiles: list[tuple[Any, ...]]) -> int | None:
         """
         Announce a topic; return its number for :meth:`write`, or None if its type is unknown.
 
@@ -91,9 +110,10 @@ class BagWriter:
         :raises BagError: if the recording cannot go on
         """
         self._tell((name, type_name, type_hash, profiles))
-        return self._answer()
+        number: int | None = self._answer()
+        return number
 
-    def write(self, messages):
+    def write(self, messages: Messages) -> None:
         """
         Write messages, in their order; a time before the one ahead of it counts as that.
 
@@ -102,25 +122,25 @@ class BagWriter:
         """
         self._tell(messages)
 
-    def close(self):
+    def close(self) -> None:
         """
         Complete the bag.
 
         :raises BagError: if that fails
         """
         with suppress(BrokenPipeError):  # it has something to say about that
-            self._process.stdin.close()
+            self._stdin.close()
         try:
             self._answer()
         finally:
             self._end()
 
-    def abort(self):
+    def abort(self) -> None:
         """Leave the bag as it is."""
         self._process.kill()
         self._end()
 
-    def give_up(self, error):
+    def give_up(self, error: BagError) -> str:
         """
         Wait until the process that writes has saved what it can.
 
@@ -136,30 +156,30 @@ class BagWriter:
             self._end()
         return str(error)
 
-    def _end(self):
+    def _end(self) -> None:
         self._process.wait()
-        self._process.stdout.close()
+        self._stdout.close()
         with suppress(BrokenPipeError):
-            self._process.stdin.close()
+            self._stdin.close()
 
-    def _tell(self, what):
+    def _tell(self, what: Any) -> None:
         # It speaks unasked only when it is in trouble.
-        if select.select([self._process.stdout], [], [], 0.0)[0]:
+        if select.select([self._stdout], [], [], 0.0)[0]:
             self._answer(early=True)
         message = marshal.dumps(what)
         try:
-            self._process.stdin.write(_LENGTH.pack(len(message)) + message)
-            self._process.stdin.flush()
+            self._stdin.write(_LENGTH.pack(len(message)) + message)
+            self._stdin.flush()
         except BrokenPipeError:
             self._answer()
             raise BagError('the process that writes is gone') from None
 
-    def _answer(self, early=False):
+    def _answer(self, early: bool = False) -> Any:
         """Return what the process that writes answers; by default it has nothing more to say."""
         try:
-            error, value = marshal.load(self._process.stdout)
+            error, value = marshal.load(self._stdout)
             while value is _IN_TROUBLE and not early:
-                error, value = marshal.load(self._process.stdout)
+                error, value = marshal.load(self._stdout)
         except EOFError:
             raise BagError('the process that writes has died') from None
         if error is not None:
@@ -167,14 +187,14 @@ class BagWriter:
         return value
 
 
-def main(path, storage):
+def main(path: str, storage: str) -> int:
     """Write a bag from the standard input, and answer on the standard output."""
     # Whoever ends the recorder ends the input; a signal to all must not tear the bag.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     answers = sys.stdout.buffer
 
-    def answer(error, value=None):
+    def answer(error: str | None, value: Any = None) -> None:
         try:
             marshal.dump((error, value), answers)
             answers.flush()
@@ -188,7 +208,7 @@ def main(path, storage):
         bag = Bag(Path(path), storage)
         _types()  # now, as soon messages come that would wait for it
         answer(None)
-        _serve(bag, sys.stdin.buffer.raw, answer, clerk)
+        _serve(bag, sys.stdin.buffer.raw, answer, clerk)  # type: ignore[union-attr]
         clerk.wait()
         bag.close()
     # A full disk is an OSError or one of SQLite's, and rosbags has errors of its own; whatever
@@ -211,10 +231,10 @@ class _Clerk:
     would have Python to itself meanwhile, and on a busy machine messages would wait for seconds.
     """
 
-    def __init__(self):
-        self._process = None
+    def __init__(self) -> None:
+        self._process: int | None = None
 
-    def see_to(self, bag):
+    def see_to(self, bag: Bag) -> None:
         """Have the metadata written if that is due, and the last time is over."""
         if not bag.outdated or not self._is_idle():
             return
@@ -230,12 +250,12 @@ class _Clerk:
         finally:
             os._exit(0)  # whatever went wrong, it will go wrong for the messages too
 
-    def _is_idle(self):
+    def _is_idle(self) -> bool:
         if self._process is not None and os.waitpid(self._process, os.WNOHANG)[0]:
             self._process = None
         return self._process is None
 
-    def wait(self):
+    def wait(self) -> None:
         """Wait until it is written, so that it does not come last."""
         if self._process is not None:
             os.waitpid(self._process, 0)
@@ -245,13 +265,13 @@ class _Clerk:
 _TORN = '; the recording is torn: tetra recover {}'
 
 
-def _reason(error):
+def _reason(error: Exception) -> str:
     """Return in one line what an error is about."""
     text = getattr(error, 'strerror', None) or str(error) or type(error).__name__
     return text.splitlines()[0].rstrip('.')
 
 
-def _salvage(bag):
+def _salvage(bag: Bag) -> bool:
     """Complete a bag that cannot be written any more; return whether that was possible."""
     try:
         bag.salvage()
@@ -262,9 +282,10 @@ def _salvage(bag):
     return True
 
 
-def _serve(bag, requests, answer, clerk):
+def _serve(bag: Bag, requests: RawIOBase, answer: Callable[..., None], clerk: _Clerk) -> None:
     """Do what the recorder asks for until it ends, and put it on the disk in time."""
-    topics, due = [], None
+    topics: list[int] = []
+    due: float | None = None
     while True:
         if bag.dirty:
             now = time.monotonic()
@@ -290,7 +311,7 @@ def _serve(bag, requests, answer, clerk):
             bag.write([(topics[number], at, message) for number, at, message in request])
 
 
-def _next(requests):
+def _next(requests: RawIOBase) -> Any:
     """Return the next request, or None if there is none to come."""
     head = _read(requests, _LENGTH.size)
     body = head and _read(requests, *_LENGTH.unpack(head))
@@ -298,7 +319,7 @@ def _next(requests):
     return marshal.loads(body) if body else None
 
 
-def _read(stream, count):
+def _read(stream: RawIOBase, count: int) -> bytearray | None:
     """Return so many bytes, or None if the stream ends before."""
     content, begun = bytearray(count), 0
     with memoryview(content) as view:
@@ -310,7 +331,8 @@ def _read(stream, count):
     return content
 
 
-def _add(bag, name, type_name, type_hash, profiles):
+def _add(bag: Bag, name: str, type_name: str, type_hash: str,
+         profiles: list[tuple[Any, ...]]) -> int | None:
     definition = _definition(type_name)
     if definition is None:
         return None
@@ -318,7 +340,7 @@ def _add(bag, name, type_name, type_hash, profiles):
 
 
 @cache
-def _definition(type_name):
+def _definition(type_name: str) -> str | None:
     """Return the definition of a type, or None if it is unknown."""
     from rosbags.typesys.base import TypesysError  # for the process that writes alone, see below
     try:
@@ -328,15 +350,15 @@ def _definition(type_name):
 
 
 @cache
-def _types():
+def _types() -> Typestore:
     """Return all message types of ROS 2 Jazzy."""
     # The recorder needs nothing of these, only the process that writes.
     from rosbags.typesys import get_typestore, Stores
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def _profile(history, depth, reliability, durability, deadline, lifespan, liveliness, lease,
-             avoid_conventions):
+def _profile(history: int, depth: int, reliability: int, durability: int, deadline: int,
+             lifespan: int, liveliness: int, lease: int, avoid_conventions: bool) -> Qos:
     """Return a quality of service profile as rosbags writes it into a bag."""
     from rosbags.interfaces import (  # as above
         Qos,
@@ -347,7 +369,7 @@ def _profile(history, depth, reliability, durability, deadline, lifespan, liveli
         QosTime,
     )
 
-    def duration(nanoseconds):
+    def duration(nanoseconds: int) -> QosTime:
         return QosTime(*divmod(nanoseconds, 1_000_000_000))
 
     return Qos(

@@ -99,7 +99,7 @@ class Bodies:
         common = {'color': color, 'opacity': marker.color.a, 'position': position, 'wxyz': wxyz}
         if marker.type == Marker.LINE_STRIP:
             ends = np.array(points, dtype=np.float32)
-            handle: Any = scene.add_line_segments(
+            handle: Any = scene.add_line_segments(  # type: ignore[call-overload]
                 name, points=np.stack([ends[:-1], ends[1:]], axis=1), colors=color,
                 line_width=LINE_WIDTH, position=position, wxyz=wxyz)
         elif marker.type == Marker.CUBE:
@@ -116,7 +116,7 @@ def _is_sound(marker: Marker) -> bool:
     place, turn, size, color = (marker.pose.position, marker.pose.orientation, marker.scale,
                                 marker.color)
     square = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
-    lengths = (size.x, size.y, size.z)
+    lengths: tuple[float, ...] = (size.x, size.y, size.z)
     if marker.type == Marker.LINE_STRIP:
         lengths = (size.x,)
     points = marker.points

@@ -21,26 +21,33 @@ the parameters of the agents, if they have any.
 """
 
 from collections import deque
+from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial
+from pathlib import Path
 import queue
 import re
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.client import Client
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
+from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 from tetra_ros2.config.configuration import formation_from_parameters
 from tetra_ros2.config.parameters import check_parameters, ConfigurationError, FORMATION
 from tetra_ros2.drawing.theory import Theory
+from tetra_ros2.formation import Formation
 from tetra_ros2.formation import gain as gains
+from tetra_ros2.formation._types import Array
 from tetra_ros2.formation.checks import Rejected, require_unit
 from tetra_ros2.formation.topology import Topology
 from tetra_ros2.ros import diagnostics, executor, qos
@@ -97,24 +104,29 @@ class Viewer(FormationNode):
     :raises ConfigurationError: if the port is taken; see :func:`tetra_ros2.viewer.server.serve`
     """
 
-    def __init__(self, *, host='127.0.0.1', port=8080, read_only=False, watch=None, **kwargs):
+    def __init__(self, *, host: str = '127.0.0.1', port: int = 8080, read_only: bool = False,
+                 watch: Callable[[Callable[[bytes], object]], object] | None = None,
+                 **kwargs: Any) -> None:
         super().__init__(names.VIEWER, **kwargs)
         self.exclusive_inputs = False  # everybody publishes diagnostics
         self.page = Page(serve(host, port, read_only))
-        self._inbox = deque(maxlen=10000)
-        self._requests = queue.SimpleQueue()  # what the server's threads ask of this one
+        self._inbox: deque[bytes] = deque(maxlen=10000)
+        # What the server's threads ask of this one.
+        self._requests: queue.SimpleQueue[tuple[str, tuple[Any, ...]]] = queue.SimpleQueue()
         self._controls = Controls(self.page, _Actions(self._requests))
         self.page.finish()
-        self._codec = None
+        # How many agents there are, and how to decode their state.
+        self._codec: tuple[int, Callable[[bytes], tuple[int, Sequence[float]]]] | None = None
         self._states = self._pictures = 0
-        self._heard_at = None
+        self._heard_at: float | None = None
         self._shares = watch is not None
         self._drawn_at = self._next_picture = self._next_status = 0.0
         self._plant_paused = False
         self.ended = False  # whether who runs the formation has said that this is all
-        self._settings = {}  # parameters of each node that answered, by the node's name
-        self._pending = {}
-        self._named_clients = {}
+        # Parameters of each node that answered, by the node's name.
+        self._settings: dict[str, dict[str, Any]] = {}
+        self._pending: dict[str, Future] = {}
+        self._named_clients: dict[str, Client] = {}
         prefix = re.escape(self.resolve_topic_name('x')[:-1])
         self._edge = re.compile(prefix + names.relative_attitude(r'(\d+)', r'(\d+)'))
         self.report_health()
@@ -123,7 +135,8 @@ class Viewer(FormationNode):
             self.listen(PoseArray, names.ATTITUDES, lambda m: self._inbox.append(m), LATEST)
         else:
             watch(self._inbox.append)
-        self._bodies, self._news_of_bodies = Bodies(self.page.server), None
+        self._bodies = Bodies(self.page.server)
+        self._news_of_bodies: bytes | None = None
         # Not one of the inputs, which the launcher waits for: kinematic bodies look like nothing.
         self.create_subscription(
             MarkerArray, names.BODIES, self._on_bodies, copy(qos.PICTURE), raw=True,
@@ -134,11 +147,11 @@ class Viewer(FormationNode):
         # Not in the log, which every node can read: it may hold the token.
         print(self.page.server.invitation, flush=True)
 
-    def close(self):
+    def close(self) -> None:
         """Send the browsers away."""
         stop(self.page.server)
 
-    def _refresh(self):
+    def _refresh(self) -> None:
         """Do what was asked for, and draw what has come."""
         while not self._requests.empty():
             action, arguments = self._requests.get()
@@ -161,16 +174,16 @@ class Viewer(FormationNode):
         elif self._shares and rate > FAST:
             self._next_picture = begun + min((time.monotonic() - begun) / SHARE, LONGEST_PAUSE)
 
-    def _on_bodies(self, message):
+    def _on_bodies(self, message: bytes) -> None:
         self._news_of_bodies = message
 
-    def _draw_bodies(self, now):
+    def _draw_bodies(self, now: float) -> None:
         message, self._news_of_bodies = self._news_of_bodies, None
         if message is not None and self.page.watched and not self._bodies.show(message, now):
             self.health.reject(Rejected(Rejected.MALFORMED), names.BODIES)
         self._bodies.forget(now)
 
-    def _take_states(self):
+    def _take_states(self) -> None:
         messages = [self._inbox.popleft() for _ in range(len(self._inbox))]
         self._states += len(messages)
         step = -(-len(messages) // MOST_STATES)
@@ -183,7 +196,7 @@ class Viewer(FormationNode):
             self._heard_at = time.monotonic()
             self.page.history.add(stamp, gamma)
 
-    def _decode(self, message):
+    def _decode(self, message: bytes) -> tuple[int, Array]:
         """Return stamp [ns] and reduced attitudes ``(n, 3)`` of a state of however many agents."""
         n = cdr.sequence_length(message)
         if self._codec is None or self._codec[0] != n:
@@ -196,7 +209,7 @@ class Viewer(FormationNode):
             require_unit(*direction)
         return stamp, gamma
 
-    def _on_diagnostics(self, message):
+    def _on_diagnostics(self, message: bytes) -> None:
         plant = self.resolve_service_name(names.PLANT)
         try:
             statuses = deserialize_message(message, DiagnosticArray).status
@@ -209,7 +222,7 @@ class Viewer(FormationNode):
                 self._plant_paused = (state or status.message).startswith('paused')
                 self._controls.show_paused(self._plant_paused)
 
-    def _show_status(self):
+    def _show_status(self) -> None:
         history = self.page.history
         if self._heard_at is None:
             self.page.say(f'**waiting** for `{self.resolve_topic_name(names.ATTITUDES)}`')
@@ -225,7 +238,7 @@ class Viewer(FormationNode):
 
     # Parameters of the others
 
-    def _inquire(self):
+    def _inquire(self) -> None:
         """Look who sees whom, and ask the agents and the plant how they are set."""
         found = (self._edge.fullmatch(topic) for topic, _ in self.get_topic_names_and_types())
         edges = sorted({(int(m[1]), int(m[2])) for m in found if m})
@@ -246,7 +259,7 @@ class Viewer(FormationNode):
             self._client(SetBool, names.PAUSE).service_is_ready(),
             plant.get('mode') == 'lockstep' and 'real_time_factor' in plant)
 
-    def _know(self):
+    def _know(self) -> Array | None:
         """Put together what the agents say; return the weights, or None if that is not all."""
         history = self.page.history
         if history.gamma is None:
@@ -254,13 +267,14 @@ class Viewer(FormationNode):
         n = len(history.gamma)
         if n > MOST_AGENTS:
             return None
-        formations = [self._formation(names.agent(i)) for i in range(1, n + 1)]
-        if None in formations or any(f.topology.n != n for f in formations):
+        told = [self._formation(names.agent(i)) for i in range(1, n + 1)]
+        formations = [f for f in told if f is not None and f.topology.n == n]
+        if len(formations) < n:
             self.page.know(Theory(n))
             self._controls.show_gain(None)
             return None
         weights = np.stack([f.topology.weights[k] for k, f in enumerate(formations)])
-        gain = formations[0].gain
+        gain: gains.Gain | None = formations[0].gain
         if any(f.gain != gain or type(f.gain) is not type(gain) for f in formations):
             gain = None
         # What the agents are told of the shape they make is told with all of their weights.
@@ -271,13 +285,13 @@ class Viewer(FormationNode):
         self._controls.show_gain(gain)
         return weights
 
-    def _sample_time(self):
+    def _sample_time(self) -> float | None:
         """Return how long a command is held [s], or None where delay makes it more than that."""
         plant = self._settings.get(names.PLANT, {})
         rate, delay = plant.get('rate'), plant.get('measurement_delay', 0.0)
         return 1.0 / rate if isinstance(rate, float) and rate > 0.0 and not delay else None
 
-    def _formation(self, node):
+    def _formation(self, node: str) -> Formation | None:
         """Return the formation as a node is told of it, or None if it did not say."""
         settings = self._settings.get(node)
         if not settings or not set(_FORMATION_PARAMETERS) <= set(settings):
@@ -290,12 +304,12 @@ class Viewer(FormationNode):
         except ConfigurationError:
             return None  # somebody else's node, with parameters of the same names
 
-    def _client(self, kind, name):
+    def _client(self, kind: type, name: str) -> Client:
         if name not in self._named_clients:
             self._named_clients[name] = self.create_client(kind, name)
         return self._named_clients[name]
 
-    def _ask(self, node, parameters):
+    def _ask(self, node: str, parameters: Sequence[str]) -> None:
         """Ask a node for parameters, unless it still owes an answer."""
         client = self._client(GetParameters, f'{node}/get_parameters')
         pending = self._pending.get(node)
@@ -308,7 +322,7 @@ class Viewer(FormationNode):
                 GetParameters.Request(names=parameters))
             future.add_done_callback(partial(self._on_parameters, node, parameters))
 
-    def _on_parameters(self, node, parameters, future):
+    def _on_parameters(self, node: str, parameters: Sequence[str], future: Future) -> None:
         if future.cancelled() or future.exception() is not None:
             return
         values = dict(zip(parameters, map(parameter_value_to_python, future.result().values)))
@@ -316,42 +330,43 @@ class Viewer(FormationNode):
 
     # What people ask for; each of these runs in the executor's thread
 
-    def pause(self, paused):
+    def pause(self, paused: bool) -> None:
         """Let the plant rest, or go on."""
         self._call(SetBool, names.PAUSE, SetBool.Request(data=paused),
                    lambda _: self._on_paused(paused))
 
-    def _on_paused(self, paused):
+    def _on_paused(self, paused: bool) -> None:
         self._plant_paused = paused
         self._controls.show_paused(paused)
 
-    def reset(self):
+    def reset(self) -> None:
         """Let the plant go back to its initial condition, as it understands that."""
         self._call(Trigger, names.RESET, Trigger.Request(),
                    self._on_reset)
 
-    def _on_reset(self, response):
+    def _on_reset(self, response: Trigger.Response) -> None:
         self.page.restart()
         self.page.notify('started anew', response.message, 'green')
 
-    def start_at_random(self):
+    def start_at_random(self) -> None:
         """Let the plant start anew at random."""
         self._call(Trigger, names.RANDOMIZE, Trigger.Request(), self._on_reset)
 
-    def set_gain(self, a):
+    def set_gain(self, a: float) -> None:
         """Give all agents this amplitude of the gain [rad/s], and all others who have one."""
         nodes = [node for node in self._settings if node != names.PLANT]
         for node in (*nodes, names.PLANT, names.MONITOR):
             self._set(node, Parameter('gain.a', value=float(a)))
 
-    def set_speed(self, factor):
+    def set_speed(self, factor: float) -> None:
         """Let formation time pass so many times as fast as time; 0 for as fast as it can."""
         self._set(names.PLANT, Parameter('real_time_factor', value=float(factor)))
 
-    def _set(self, node, parameter, then=None):
+    def _set(self, node: str, parameter: Parameter,
+             then: Callable[[], None] | None = None) -> None:
         message = ParameterMessage(name=parameter.name, value=parameter.get_parameter_value())
 
-        def on_answer(response):
+        def on_answer(response: SetParameters.Response) -> None:
             result = response.results[0]
             if not result.successful:
                 self.page.notify(f'{node} does not take that', result.reason)
@@ -362,7 +377,8 @@ class Viewer(FormationNode):
                    SetParameters.Request(parameters=[message]), on_answer,
                    required=node != names.MONITOR)
 
-    def _call(self, kind, name, request, then, required=True):
+    def _call(self, kind: type, name: str, request: Any, then: Callable[[Any], None],
+              required: bool = True) -> None:
         """Call a service; nobody waits for the answer, and if there is none, somebody is told."""
         client = self._client(kind, name)
         if not client.service_is_ready():
@@ -370,7 +386,7 @@ class Viewer(FormationNode):
                 self.page.notify('nobody is there', f'{client.srv_name} does not answer')
             return
 
-        def on_done(future):
+        def on_done(future: Future) -> None:
             if future.exception() is not None:
                 self.page.notify(f'{name} failed', str(future.exception()))
             else:
@@ -378,7 +394,7 @@ class Viewer(FormationNode):
 
         client.call_async(request).add_done_callback(on_done)
 
-    def assess(self):
+    def assess(self) -> diagnostics.Assessment:
         """Return level, message and figures for the diagnostics."""
         values = {'browsers': len(self.page.server.get_clients()),
                   'port': self.page.server.get_port(),
@@ -392,14 +408,15 @@ class Viewer(FormationNode):
 class _Actions:
     """Puts what is asked for where the executor's thread finds it."""
 
-    def __init__(self, requests):
+    def __init__(self, requests: queue.SimpleQueue[tuple[str, tuple[Any, ...]]]) -> None:
         self._requests = requests
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Callable[..., None]:
         return lambda *arguments: self._requests.put((name, arguments))
 
 
-def main(host, port, read_only=False, config=None, arguments=()):
+def main(host: str, port: int, read_only: bool = False, config: str | Path | None = None,
+         arguments: Sequence[str] = ()) -> int:
     """Run the viewer until it is signalled; see :func:`tetra_ros2.ros.executor.run`."""
     executor.look_around()
     return executor.run(

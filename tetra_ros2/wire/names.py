@@ -58,8 +58,8 @@ def cmd_vel(i: int | str) -> str:
     return f'agent_{i}/cmd_vel'
 
 
-def joint_states(i: int) -> str:
-    """Return the topic on which the plant tells the joints of body i, if it has any."""
+def joint_states(i: int | str) -> str:
+    """Return the topic, or a pattern of such, on which the plant tells the joints of body i."""
     return f'agent_{i}/joint_states'
 
 
