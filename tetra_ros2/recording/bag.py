@@ -117,7 +117,7 @@ class _Mcap(McapWriter):
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
         self.bio.close()
-        self.bio = _File(self.path, 'r+')  # type: ignore[assignment]  # one without a buffer
+        self.bio = _File(self.path, 'r+')
         self.bio.seek(0, os.SEEK_END)
         self._begin = self.bio.tell()  # of the open chunk; where the file stands, but for errors
         self._given = 0  # how much of it is in the file
