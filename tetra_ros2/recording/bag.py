@@ -114,6 +114,8 @@ class _Mcap(McapWriter):
     If it were closed instead, the index of a long recording would fill the memory.
     """
 
+    bio: _File  # type: ignore[assignment]  # one without a buffer
+
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
         self.bio.close()

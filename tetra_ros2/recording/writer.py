@@ -67,7 +67,7 @@ class BagError(Exception):
     :param early: whether the process that writes is still at work, to save what it can
     """
 
-    def __init__(self, text, early=False):
+    def __init__(self, text: str, early: bool = False) -> None:
         super().__init__(text)
         self.early = early
 
