@@ -105,3 +105,13 @@ def test_beyond_its_limits_a_loop_is_not_stable_and_has_no_noise_to_speak_of():
     assert slow.sampled_rate < 0.0
     assert slow.max_delay_steps == -1
     assert (slow.angle_deviation, slow.mean_error) == (None, None)
+
+
+def test_two_agents_whose_gain_is_zero_where_they_end_have_no_rate():
+    # f(pi) = 0 for the cosine gain: the last bit of the way takes ever longer.
+    with pytest.raises(ValueError, match='decays exponentially'):
+        Formation(complete(2), Cosine()).analyze()
+    # Any gain with f(pi) > 0 has: to first order both move by f(pi) times the gap.
+    gain = Exponential()
+    assert Formation(complete(2), gain).analyze().slowest_rate == pytest.approx(
+        2.0 * gain.f(np.pi), rel=1e-6)

@@ -236,8 +236,12 @@ def attractor(formation: Formation, initial: ArrayLike | None = None, seed: int 
     if gamma is None:
         raise NotAnalyzable('its shape goes on changing, so there is no formation to analyse')
     equilibrium = stability.transverse(gamma, topology.weights, gain)
-    if not len(equilibrium.decaying):
-        raise NotAnalyzable('no deviation from its formation decays, so it has no rate')
+    # Where f is zero at the distance kept, the law's linear part is nothing but rounding: what is
+    # left of a deviation decays ever more slowly.
+    pull = float(np.max(np.sum(np.abs(topology.weights), axis=1)) * gain.f(0.5 * math.pi))
+    if not len(equilibrium.decaying) or abs(equilibrium.decaying[0]) < stability.SLOW * pull:
+        raise NotAnalyzable(
+            'no deviation from its formation decays exponentially, so it has no rate')
     return equilibrium, None
 
 
