@@ -20,8 +20,19 @@ import pytest
 from tetra_ros2 import signals
 
 
+@pytest.fixture
+def as_python_begins():
+    """Let signals do what they do in a process that nobody has put into the background."""
+    before = {number: signal.getsignal(number) for number in signals.SIGNALS}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+    signals._interrupted = False
+
+
 @pytest.mark.parametrize('released', [True, False])
-def test_a_signal_is_held_back_until_it_is_released_or_all_is_over(released):
+def test_a_signal_is_held_back_until_it_is_released_or_all_is_over(released, as_python_begins):
     before = signal.getsignal(signal.SIGINT)
     reached = []
     with pytest.raises(KeyboardInterrupt), signals.held_back() as release:
@@ -34,15 +45,9 @@ def test_a_signal_is_held_back_until_it_is_released_or_all_is_over(released):
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_what_a_signal_does_to_those_that_follow_stays():
-    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
-    try:
-        signals.interrupt_once()
-        with pytest.raises(KeyboardInterrupt), signals.held_back():
-            signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGINT)  # which does nothing any more
-        assert signals.interrupted()
-    finally:
-        for number, handler in zip(signals.SIGNALS, before):
-            signal.signal(number, handler)
-        signals._interrupted = False
+def test_what_a_signal_does_to_those_that_follow_stays(as_python_begins):
+    signals.interrupt_once()
+    with pytest.raises(KeyboardInterrupt), signals.held_back():
+        signal.raise_signal(signal.SIGINT)
+    signal.raise_signal(signal.SIGINT)  # which does nothing any more
+    assert signals.interrupted()

@@ -14,6 +14,8 @@
 
 """What the nodes of a formation have in common."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from copy import copy
 from functools import partial
