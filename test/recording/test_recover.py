@@ -120,10 +120,11 @@ def test_sqlite_that_was_torn_can_be_read_as_it_is_by_whoever_knows_sqlite(tmp_p
 @pytest.mark.parametrize('storage', STORAGES)
 def test_a_disk_that_does_not_answer_holds_up_nothing(tmp_path, storage, monkeypatch):
     """What was flushed is in the system's hands, and outlives the process; see kill above."""
-    patience, synced = threading.Event(), []
+    begun, patience, synced = threading.Event(), threading.Event(), []
 
     def hang(number):
         synced.append(number)
+        begun.set()
         assert patience.wait(30.0)
 
     monkeypatch.setattr(os, 'fdatasync', hang)
@@ -133,6 +134,7 @@ def test_a_disk_that_does_not_answer_holds_up_nothing(tmp_path, storage, monkeyp
         bag.write([(topic, k + 1, bytes(12))])
         bag.flush()
     shutil.copytree(tmp_path / 'bag', tmp_path / 'torn')
+    assert begun.wait(30.0), 'it is a thread that waits for the disk'
     assert len(synced) == 1
     patience.set()
     bag.close()

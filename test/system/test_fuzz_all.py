@@ -236,6 +236,7 @@ def test_every_service_answers_anything(target):
     assert asked == set(target.services)
 
 
+@pytest.mark.timeout(300)
 def test_every_parameter_is_set_to_anything(target):
     node = target.node
     kind = KINDS.get(type(node).__name__)
