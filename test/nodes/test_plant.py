@@ -130,3 +130,10 @@ def test_its_services_do_what_they_say(probe):
         level, message, _ = node.assess()
         assert (level, message.partition(';')[0]) == (
             diagnostics.ERROR, 'held still, more than one publisher: agent_2')
+
+
+def test_a_real_time_factor_next_to_nothing_stands_still_and_raises_nothing(probe):
+    with Bench(probe, Plant) as bench:
+        result, = bench.node.set_parameters([Parameter('real_time_factor', value=1e-70)])
+        assert result.successful
+        assert not bench.node.health.exceptions

@@ -44,6 +44,9 @@ LENGTHENING = 1.05
 WATCH_PERIOD = 20e-3
 """How often to look whether anything was lost [s], where nothing is: looking costs."""
 
+LONGEST_PACE = 1e9
+"""Between two steps [s]; a timer counts nanoseconds in 64 bits."""
+
 ALERT = 1.0
 """For how long to look more often after something was lost [s]."""
 
@@ -163,7 +166,8 @@ class Lockstep(Stepper):
                 min(WATCH_PERIOD, self._longest), self._on_watchdog)
         # With nobody to wait for, something else must set the pace.
         factor = values['real_time_factor'] or (0.0 if self._everybody else 100.0)
-        pace = self._h / factor if factor else None
+        # As long as a timer can be, if the factor is next to nothing.
+        pace = min(self._h / factor, LONGEST_PACE) if factor else None
         if pace != self._pace:
             self._pace = pace
             self._due = True
