@@ -98,6 +98,7 @@ class Vehicles:
         :param attitudes: where they start, unit quaternions x y z w, ``(n, 4)``
         :raises ConfigurationError: if they cannot start there
         """
+        self._saturated_before = [0] * len(self._axes)  # new bodies count anew
         if self.physics is None:
             self._bodies = RigidBodies(attitudes, self._axes)
         else:
