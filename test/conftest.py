@@ -14,13 +14,12 @@
 
 """What all tests share: reproducible examples, and a ROS domain that nobody else is in."""
 
-import fcntl
 import os
-from pathlib import Path
-import tempfile
 
+from benchmarks.domain import LARGEST, remove_ports, reserve
 from hypothesis import settings
 import pytest
+from tetra_ros2.ros import shared_memory
 
 settings.register_profile('tetra', derandomize=True, deadline=None, max_examples=30)
 settings.load_profile('tetra')
@@ -46,35 +45,16 @@ def pytest_make_collect_report(collector):
         report.longrepr = (str(collector.path), 0, f'Skipped: {error.name} is not installed')
 
 
-def _reserve_domain():
-    """Take a ROS domain that no other test session on this machine has; return its lock."""
-    for domain in range(1, 102):  # beyond 101 the ports are among those of outgoing connections
-        lock = (Path(tempfile.gettempdir()) / f'tetra_ros2_test_domain_{domain}').open('w')
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            lock.close()
-            continue
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
-        return lock
-    raise RuntimeError('all ROS domains are taken by other test sessions')
-
-
 # At import, and not in a fixture: modules of the tests may make a ROS context when they load.
-_DOMAIN_LOCK = _reserve_domain()
+_DOMAIN, _DOMAIN_LOCK = reserve(range(1, LARGEST + 1))
+os.environ['ROS_DOMAIN_ID'] = str(_DOMAIN)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
 def pytest_sessionfinish():
     """Leave no shared memory behind: killed processes do, and all of these are gone now."""
-    from tetra_ros2.ros import shared_memory
     shared_memory.remove_dead(settled=1.0)
-    # The ports of this domain are nobody else's, so that these can go too.
-    first = 7400 + 250 * int(os.environ['ROS_DOMAIN_ID'])
-    for port in range(first, first + 250):
-        for name in (f'fastrtps_port{port}', f'fastrtps_port{port}_el',
-                     f'sem.fastrtps_port{port}_mutex'):
-            (shared_memory.DIRECTORY / name).unlink(missing_ok=True)
+    remove_ports(_DOMAIN)
 
 
 @pytest.fixture

@@ -84,7 +84,7 @@ class Agent(FormationNode):
         for slot, j in enumerate(self._neighbors):
             self.listen(Vector3Stamped, names.relative_attitude(i, j),
                         self._receiver(slot, f'agent_{j}'), qos.NEWEST, guarded=False)
-        self.report_health()
+        self.report_health(self.assess)
         self._ticker: Timer | None = None
         self._apply(values)
         if not neighbors:

@@ -72,7 +72,7 @@ class Body(FormationNode):
         self._send = raw_publish(self.offer(PoseStamped, names.pose(i), qos.NEWEST, True))
         self.listen(TwistStamped, names.cmd_vel(i), self._on_command, qos.COMMANDS)
         self.create_service(SetBool, names.stop(names.body(i)), self._on_stop)
-        self.report_health()
+        self.report_health(self.assess)
         self._period = 1.0 / values['rate']
         self._timer = self.create_steady_timer(self._period, self._on_timer)
 

@@ -79,7 +79,7 @@ class Monitor(FormationNode):
             self._encode_error = cdr.trailing_numbers(serialize_message(Float64()), 1)
         self._markers = Markers(self, self._look)
         self._transforms = Transforms(self, self._poses) if values['publish_tf'] else None
-        self.report_health()
+        self.report_health(self.assess)
         if reservation := shapes.reservation(formation.topology, formation.gain):
             self.get_logger().warning(reservation)
         self.listen(PoseArray, names.ATTITUDES, self._on_attitudes, qos.STATE)

@@ -99,7 +99,7 @@ class Plant(FormationNode):
         self.create_service(Trigger, names.RANDOMIZE, self._on_randomize)
         self.create_service(SetBool, names.PAUSE, self._on_pause)
         self.create_service(SetBool, names.stop(names.PLANT), self._on_stop)
-        self.report_health()
+        self.report_health(self.assess)
         if topology.agents_without_neighbors:
             alone = ', '.join(map(str, topology.agents_without_neighbors))
             self.get_logger().warning(f'agents that see nobody, and are not waited for: {alone}')

@@ -61,7 +61,7 @@ class Sensors(FormationNode):
         self.published = 0
         for i in everybody:
             self.listen(TwistStamped, names.cmd_vel(i), self._receiver(i), qos.COMMANDS)
-        self.report_health()
+        self.report_health(self.assess)
         self._told_at = time.monotonic()
         self._timer = self.create_timer(1.0 / values['rate'], self._on_timer)
 

@@ -101,7 +101,7 @@ class Recorder(FormationNode):
         self._written: Counter[int] = Counter()  # how many messages, by the topic's number
         self._writer: BagWriter | None = self._open(values['storage'])
         self.add_on_set_parameters_callback(self._keep_to_one_time)
-        self.report_health()
+        self.report_health(self.assess)
         self.create_steady_timer(DISCOVERY_PERIOD, self.discover)
         self.create_steady_timer(READING_PERIOD, self._read)
         self.discover()

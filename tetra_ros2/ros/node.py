@@ -53,8 +53,7 @@ class FormationNode(Node):
     """
     A node that can name its own topics, and reports on ``diagnostics``.
 
-    A subclass offers ``assess()`` for :class:`~tetra_ros2.ros.diagnostics.Health`, and calls
-    :meth:`report_health` when it can answer it.
+    A subclass hands what assesses it to :meth:`report_health`, as soon as that can answer.
 
     :param args: the node's name, and what rclpy's Node takes beside it
     """
@@ -223,13 +222,14 @@ class FormationNode(Node):
             topics |= {s.topic_name for s in self.inputs if s.get_publisher_count() > 1}
         return sorted(topics)
 
-    def assess(self) -> Assessment:
-        """Return level, message and figures for the diagnostics."""
-        raise NotImplementedError
+    def report_health(self, assess: Callable[[], Assessment]) -> None:
+        """
+        Begin to report on ``diagnostics``.
 
-    def report_health(self) -> None:
-        """Begin to report on ``diagnostics``."""
-        self.health = Health(self, self.assess)
+        :param assess: returns level, message and figures, see
+            :class:`~tetra_ros2.ros.diagnostics.Health`
+        """
+        self.health = Health(self, assess)
 
     def close(self) -> None:
         """Do what is to be done while the node can still publish."""

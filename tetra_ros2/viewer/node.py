@@ -129,7 +129,7 @@ class Viewer(FormationNode):
         self._named_clients: dict[str, Client] = {}
         prefix = re.escape(self.resolve_topic_name('x')[:-1])
         self._edge = re.compile(prefix + names.relative_attitude(r'(\d+)', r'(\d+)'))
-        self.report_health()
+        self.report_health(self.assess)
         self.listen(DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.REPORTS)
         if watch is None:
             self.listen(PoseArray, names.ATTITUDES, lambda m: self._inbox.append(m), LATEST)
