@@ -143,11 +143,17 @@ def test_who_waits_for_a_time_is_told_at_the_first_sample_then_or_later(probe):
         assert future.result() == 101
 
 
-def test_it_is_said_once_that_it_has_formed_when_it_has_stayed_so_for_a_while(probe, monkeypatch):
-    said = []
+@pytest.fixture
+def said(monkeypatch):
+    """Return what a monitor says, in a world in which no time passes."""
+    lines = []
     monkeypatch.setattr('tetra_ros2.nodes.monitor.time', SimpleNamespace(monotonic=lambda: 9.0))
     monkeypatch.setattr(Monitor, 'get_logger', lambda self: SimpleNamespace(
-        info=said.append, warning=said.append))
+        info=lines.append, warning=lines.append))
+    return lines
+
+
+def test_it_is_said_once_that_it_has_formed_when_it_has_stayed_so_for_a_while(probe, said):
     with Bench(probe, Monitor, tolerance=0.1) as bench:
         monitor = bench.node
 
@@ -163,11 +169,46 @@ def test_it_is_said_once_that_it_has_formed_when_it_has_stayed_so_for_a_while(pr
         assert said == ['formed: regular tetrahedron, after 1.00 s']
         show(3.0)
         assert len(said) == 1
-        show(3.1, 0.3)
-        assert monitor.assess()[1] == 'forming: regular tetrahedron'
-        show(3.2)
-        show(4.3)
-        assert len(said) == 2, 'it has formed anew'
+
+
+def test_it_is_not_said_again_while_the_error_swings_about_the_tolerance(probe, said):
+    with Bench(probe, Monitor, tolerance=0.01) as bench:
+        monitor = bench.node
+
+        def show(stamps, angle=0.0):
+            for stamp in stamps:
+                monitor._on_attitudes(state(stamp * 10**8, leaning(angle)))
+
+        show(range(10, 20))
+        assert len(said) == 1
+        for begin in range(100, 1000, 100):
+            show(range(begin, begin + 10), 0.08)
+            assert monitor.assess()[1] == 'forming: regular tetrahedron'
+            show(range(begin + 10, begin + 12), 0.3)  # for a moment only
+            show(range(begin + 12, begin + 30))
+        assert len(said) == 1
+        show(range(1000, 1010), 0.3)
+        assert len(said) == 1, 'it is lost, and nobody says that it has formed'
+        show(range(1010, 1015))
+        assert len(said) == 1
+        show(range(1015, 1030))
+        assert said[1:] == ['formed: regular tetrahedron, after 100.00 s']
+
+
+def test_it_is_said_anew_when_the_formation_or_the_plant_was_started_anew(probe, said):
+    with Bench(probe, Monitor, tolerance=0.01) as bench:
+        monitor = bench.node
+
+        def show(stamps, gamma=TETRAHEDRON):
+            for stamp in stamps:
+                monitor._on_attitudes(state(stamp * 10**7, gamma))
+
+        show(range(1000, 1100))
+        show(range(1100, 1110), TETRAHEDRON[::-1])  # farther than the law could take them
+        show(range(1110, 1200))
+        assert said == ['formed: regular tetrahedron, after 0.00 s'] * 2
+        show(range(100))  # another plant, whose clock begins anew
+        assert len(said) == 3
 
 
 def test_its_health_tells_the_error_and_the_times(probe, monkeypatch):

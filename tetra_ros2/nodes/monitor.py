@@ -41,7 +41,13 @@ from tetra_ros2.ros.tf import State, Transforms
 from tetra_ros2.wire import cdr, names
 
 HOLD = 500_000_000
-"""For how long the error has to stay below the tolerance before it is told [ns]."""
+"""For how long it has to have formed, or to be lost, before that counts on the console [ns]."""
+
+LOST = 10.0
+"""
+How many times the tolerance the error of a lost formation is. On a busy machine the error swings
+about the tolerance, which is not worth a line each time.
+"""
 
 SILENCE = 0.5
 """After how long without a state the plant is missed [s]; longer where states are rarer."""
@@ -66,7 +72,8 @@ class Monitor(FormationNode):
         self._old = 0  # how many old stamps in a row
         self._heard_at = self._interval = 0.0  # of the last state, on the steady clock [s]
         self._awaited: tuple[int, Future] | None = None
-        self._formed_at: int | None = None
+        self._told: int | None = None  # of which run it was said that it has formed
+        self._lost_at: int | None = None  # since when it seems lost [ns]
         self._watchers: list[Callable[[bytes], object]] = []
         self._decode = cdr.pose_array(names.WORLD, formation.topology.n).decoder()
         self._send_cosines = raw_publish(
@@ -131,6 +138,7 @@ class Monitor(FormationNode):
             if self._old >= PATIENCE:
                 self._old = 0
                 self.observer = self._make_observer(observer.tolerance)
+                self._told = None
             return
         self._old = 0
         now = time.monotonic()
@@ -142,21 +150,27 @@ class Monitor(FormationNode):
         self._send_cosines(self._encode_cosines(*observer.cosines))
         if observer.shape is not None:
             self._send_error(self._encode_error(observer.error))
-        if observer.formed_at != self._formed_at:
-            self._tell_formed(stamp)
+        self._tell_formed(stamp)
         if self._awaited is not None and stamp >= self._awaited[0] \
                 and not self._awaited[1].done():
             self._awaited[1].set_result(stamp)
 
     def _tell_formed(self, stamp: int) -> None:
-        """Say on the console that it has formed, once it has stayed so for a while."""
+        """Say on the console that it has formed; once, unless it is lost or placed anew."""
         observer = self.observer
-        if observer.formed_at is None or observer.shape is None:
-            self._formed_at = observer.formed_at
-        elif stamp - observer.formed_at >= HOLD:
-            self._formed_at = observer.formed_at
+        if self._told != observer.restarts:
+            if observer.formed_at is None or observer.shape is None \
+                    or stamp - observer.formed_at < HOLD:
+                return
+            self._told, self._lost_at = observer.restarts, None
             self.get_logger().info(f'formed: {observer.shape.name}, after '
                                    f'{observer.time_to_form:.2f} s')
+        elif observer.error < LOST * observer.tolerance:
+            self._lost_at = None
+        elif self._lost_at is None:
+            self._lost_at = stamp
+        elif stamp - self._lost_at >= HOLD:
+            self._told = None
 
     def watch(self, tell: Callable[[bytes], object]) -> None:
         """Call a function, a quick one, with the bytes of every good state, repeated or not."""
