@@ -49,6 +49,8 @@ class Bodies:
         self._server = server
         self._parts: dict[tuple[str, int], tuple[tuple[Any, ...], Any]] = {}
         self._heard_at = -math.inf
+        self.reach = 0.0
+        """How far from the middle of the sphere they reach."""
 
     def show(self, message: bytes, now: float) -> bool:
         """
@@ -65,6 +67,7 @@ class Bodies:
         if len(markers) > MOST_PARTS or not all(map(_is_sound, markers)):
             return False
         self._heard_at = now
+        self.reach = max(map(_reach, markers), default=0.0)
         with self._server.atomic():
             for key in self._parts.keys() - {(m.ns, m.id) for m in markers}:
                 self._parts.pop(key)[1].remove()
@@ -79,6 +82,7 @@ class Bodies:
                 for _, handle in self._parts.values():
                     handle.remove()
             self._parts.clear()
+            self.reach = 0.0
 
     def _put(self, marker: Marker) -> None:
         key = marker.ns, marker.id
@@ -99,9 +103,9 @@ class Bodies:
         common = {'color': color, 'opacity': marker.color.a, 'position': position, 'wxyz': wxyz}
         if marker.type == Marker.LINE_STRIP:
             ends = np.array(points, dtype=np.float32)
-            handle: Any = scene.add_line_segments(  # type: ignore[call-overload]
+            handle: Any = scene.add_line_segments(
                 name, points=np.stack([ends[:-1], ends[1:]], axis=1), colors=color,
-                line_width=LINE_WIDTH, position=position, wxyz=wxyz)
+                thickness=LINE_WIDTH, thickness_units='screen', position=position, wxyz=wxyz)
         elif marker.type == Marker.CUBE:
             handle = scene.add_box(name, dimensions=(x, y, z), **common)
         elif marker.type == Marker.CYLINDER:
@@ -109,6 +113,20 @@ class Bodies:
         else:
             handle = scene.add_icosphere(name, radius=0.5 * max(x, y, z), **common)
         self._parts[key] = look, handle
+
+
+def _reach(marker: Marker) -> float:
+    """Return how far from the middle any part of a marker may lie, however it is turned."""
+    place, size = marker.pose.position, marker.scale
+    if marker.type == Marker.LINE_STRIP:
+        radius = max(math.hypot(p.x, p.y, p.z) for p in marker.points)
+    elif marker.type == Marker.CUBE:
+        radius = 0.5 * math.hypot(size.x, size.y, size.z)
+    elif marker.type == Marker.CYLINDER:
+        radius = 0.5 * math.hypot(size.x, size.z)
+    else:
+        radius = 0.5 * max(size.x, size.y, size.z)
+    return math.hypot(place.x, place.y, place.z) + radius
 
 
 def _is_sound(marker: Marker) -> bool:

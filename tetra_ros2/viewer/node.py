@@ -182,6 +182,7 @@ class Viewer(FormationNode):
         if message is not None and self.page.watched and not self._bodies.show(message, now):
             self.health.reject(Rejected(Rejected.MALFORMED), names.BODIES)
         self._bodies.forget(now)
+        self.page.cameras.make_room(self._bodies.reach)
 
     def _take_states(self) -> None:
         messages = [self._inbox.popleft() for _ in range(len(self._inbox))]

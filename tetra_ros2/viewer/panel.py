@@ -18,12 +18,12 @@ import math
 import time
 from typing import Any
 
-import numpy as np
 from tetra_ros2.drawing import colors
 from tetra_ros2.drawing.theory import table, Theory
+from tetra_ros2.viewer.camera import Cameras
 from tetra_ros2.viewer.charts import Charts, MOST_VALUES
 from tetra_ros2.viewer.history import History
-from tetra_ros2.viewer.scene import CAMERA, Edge, FIELD_OF_VIEW, MOST_AGENTS, Scene
+from tetra_ros2.viewer.scene import Edge, MOST_AGENTS, Scene
 from tetra_ros2.viewer.server import Server
 import viser
 
@@ -45,9 +45,6 @@ SPEEDS = {'¼': 0.25, '1': 1.0, '4': 4.0, '10': 10.0, 'max': 0.0}
 GAINS = (1e-3, 1e3)
 """Between which values the page sets the gain [rad/s]."""
 
-REACH = 1.3
-"""Radius of what should be seen, of the sphere and of the labels about it."""
-
 RESET, RANDOM = 'Reset', 'New random start'
 
 
@@ -65,12 +62,12 @@ class Page:
         self.edges: tuple[Edge, ...] = ()
         self._known_at = -math.inf  # since when theory has been what it is [s]
         self._scene = Scene(server)
+        self.cameras = Cameras(server)
         self._status = server.gui.add_markdown('')
         self._legend = server.gui.add_html('')
         self._shown: dict[Any, Any] = {}
         self._charts_at = self._scene_at = 0.0
         self._drawn: Any = None
-        server.on_client_connect(_watch_size)
 
     @property
     def watched(self) -> bool:
@@ -176,26 +173,6 @@ class Page:
             self._shown['charts'] = key
             self._charts.draw(
                 times, gamma, self.theory.error(gamma), self.theory.shape, rates[1])
-
-
-def _watch_size(client: viser.ClientHandle) -> None:
-    """Let a browser step back whenever its picture becomes so narrow that it would cut it off."""
-    size = [0, 0]
-
-    def step_back(camera: viser.CameraHandle) -> None:
-        if size == [camera.image_width, camera.image_height]:
-            return  # who turns it or comes closer wants to
-        size[:] = camera.image_width, camera.image_height
-        aspect = camera.image_width / max(camera.image_height, 1)
-        half = math.atan(math.tan(0.5 * FIELD_OF_VIEW) * min(aspect, 1.0))
-        distance = float(np.linalg.norm(CAMERA))
-        needed = max(distance, REACH / math.sin(half))
-        with client.atomic():
-            camera.position = tuple(np.array(CAMERA) * needed / distance)
-            camera.look_at = (0.0, 0.0, 0.0)  # which has moved along
-
-    client.camera.on_update(step_back)
-    step_back(client.camera)
 
 
 def _legend(n: int) -> str:
