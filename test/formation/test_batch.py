@@ -117,6 +117,17 @@ def test_a_target_at_the_end_of_its_range_is_reached(angles):
         assert formed.tolist() == [0], follow
 
 
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_tolerance_that_reaches_to_the_end_of_the_range_takes_all_up_to_there(sign):
+    # Rounding takes the cosine of these two beyond 1.
+    one = next(v for v in rotation.rotate(starts(1, 100)[:, 0], AXIS) if v @ v > 1.0)
+    gamma, still, tolerance = np.stack([one, sign * one])[None], np.zeros((2, 2)), 2.0**-6
+    target = tolerance if sign > 0.0 else np.pi - tolerance
+    for follow in (batch.run, batch.compiled(gain.Cosine())):
+        formed, _ = follow(gamma, still, gain.Cosine(), [target], tolerance, 0.01, 50, 10)
+        assert formed.tolist() == [0], follow
+
+
 @pytest.mark.parametrize('labelled', [False, True])
 @pytest.mark.parametrize('family', [gain.Cosine, gain.Exponential])
 def test_what_is_compiled_does_what_its_source_says(family, labelled, monkeypatch):

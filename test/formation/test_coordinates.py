@@ -102,7 +102,7 @@ def test_two_agents_in_one_place_are_on_a_small_circle_with_the_others():
         coordinates.inverse(coordinates.transform(formation), 1)
 
 
-@pytest.mark.parametrize('off', [1e-3, 1e-5])
+@pytest.mark.parametrize('off', [1e-3, 1e-5, 1e-8])
 def test_near_a_small_circle_the_chirality_still_decides(off):
     formations = circle(0.7)
     formations[:, 3] = sphere.normalize(formations[:, 3] + off * FORMATIONS[:200, 0])

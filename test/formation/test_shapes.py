@@ -22,7 +22,7 @@ import pytest
 from strategies import any_gain, assert_close, formations, quaternions
 from tetra_ros2.formation import law, measures, rings, rotation, shapes, sphere, targets
 from tetra_ros2.formation import topology as topologies
-from tetra_ros2.formation.gain import Cosine, Exponential
+from tetra_ros2.formation.gain import Cosine, Exponential, Gain
 from tetra_ros2.formation.topology import Topology
 
 ROUNDING = 1e-14
@@ -185,6 +185,21 @@ def test_near_the_tetrahedron_the_prediction_is_that_of_the_nearest(gamma, offse
 def test_a_pair_approaches_the_antipodal_shape_slowly_only_where_the_gain_vanishes(
         gain, reserved):
     assert (shapes.reservation(topologies.complete(2), gain) is not None) is reserved
+
+
+class HalfAngles(Gain):
+    """The cosine gain in other words: what is 0 at pi there is of the size of rounding here."""
+
+    def f(self, theta, xp=np):
+        return 2.0 * self.a * xp.cos(0.5 * theta)**2
+
+
+@pytest.mark.parametrize('graph', [topologies.complete(2), targets.ring(4), targets.ring(6)])
+def test_a_gain_that_vanishes_at_pi_to_rounding_vanishes_there(graph):
+    assert HalfAngles().f(math.pi) > 0.0
+    said = shapes.reservation(graph, HalfAngles())
+    assert said is not None
+    assert said == shapes.reservation(graph, Cosine())
 
 
 @pytest.mark.parametrize(('graph', 'gain', 'what'), [

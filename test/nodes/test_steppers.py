@@ -191,6 +191,18 @@ def test_in_lockstep_who_fell_silent_is_waited_for_again_once_it_answers_somethi
     assert plant.stepped[-1][1] == [TURN, TURN]
 
 
+def test_in_lockstep_who_answers_the_step_at_hand_is_back_at_once(clocks):
+    plant, stepper = begin(Lockstep, clocks)
+    answer(stepper)
+    give_up(clocks, plant, stepper)
+    answered = stepper.stamp
+    stepper.command(1, answered, TURN)
+    stepper.command(0, answered, TURN)
+    assert plant.stepped[-1][1] == [TURN, TURN], 'its command counts'
+    stepper.command(0, stepper.stamp, TURN)
+    assert stepper.stamp == answered + PERIOD, 'it is waited for again'
+
+
 def test_in_lockstep_who_has_never_answered_is_waited_for(clocks):
     plant, stepper = begin(Lockstep, clocks)
     stepper.command(0, stepper.stamp, TURN)
