@@ -19,7 +19,7 @@ The changes are those of cosmic-ray, and so is the session that keeps what came 
 are tried in a random order that the seed decides, so that wherever it is stopped, those that were
 tried are a random sample of all. Each is judged by the tests that run the changed statement, the
 quickest first, in a process forked off one that has imported everything but this package: that
-costs half a second instead of four.
+costs half a second instead of four. What lives may be tried again by more tests.
 
 Every so often the same tests are run on the code as it is. Should they fail, mutants were killed
 by the machine and not by the tests.
@@ -29,10 +29,12 @@ import argparse
 import ast
 from collections import Counter, defaultdict
 import compileall
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from contextlib import suppress
 import difflib
 from fnmatch import fnmatch
 import hashlib
+import itertools
 import multiprocessing
 import os
 from pathlib import Path
@@ -70,15 +72,18 @@ JUDGES = (
 """The tests that may kill a mutant: those that run the code in the process of the test itself."""
 
 LEFT_OUT = re.compile(
-    # Bits are not reckoned with here: `a * b` as `a >> b` is a TypeError for floats, which any
-    # test kills; and `int | None` is an annotation.
-    r'core/ReplaceBinaryOperator_(.*_)?(RShift|LShift|BitOr|BitAnd|BitXor)(_|$)'
+    # `a * b` as `a >> b` is a TypeError for floats, which any test kills.
+    r'core/ReplaceBinaryOperator_(Add|Sub|Mul|Div|FloorDiv|Mod|Pow)_'
+    r'(RShift|LShift|BitOr|BitAnd|BitXor)$'
     # `==` is `is` for whole numbers up to 256 and for names.
     r'|core/ReplaceComparisonOperator_(Eq_Is|NotEq_IsNot|Is_Eq|IsNot_NotEq)$')
 """Kinds of changes that say nothing about the tests."""
 
-BUDGET = 20.0
+BUDGET, BUDGET_AGAIN = 20.0, 90.0
 """How long the tests that judge a mutant may have taken without it, together [s]."""
+
+OWN = 0.2
+"""By what factor a test of the module's own file seems quicker: it is the likeliest to fail."""
 
 PLUGINS = ('_hypothesis_pytestplugin', 'pytest_timeout')
 """The plugins of pytest that the tests want."""
@@ -96,17 +101,17 @@ def main(argv=None):
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('modules', nargs='*', default=['*'],
                         help='which, as patterns of paths: formation/law.py nodes/* (all)')
-    parser.add_argument('--sample', type=int, metavar='N', help='stop after N mutants in all')
+    parser.add_argument('--sample', type=int, metavar='N', help='only the first N of the order')
     parser.add_argument('--time', type=float, metavar='S', help='stop after this time [s]')
     parser.add_argument('--seed', type=int, default=1, help='of the order (%(default)s)')
     parser.add_argument('--again', action='store_true',
                         help='try those again that survived, by the tests as they are now')
+    parser.add_argument('--jobs', type=int, default=1, help='so many at a time (%(default)s)')
     parser.add_argument('--report', action='store_true', help='only say what came of it')
     arguments = parser.parse_args(argv)
     WHERE.mkdir(exist_ok=True)
     with use_db(WHERE / 'session.sqlite') as session:
         if not arguments.report:
-            tree = copy_of_the_repository()
             modules = sorted(p for code in CODE for p in Path(code).glob('*.py'))
             digest = hashlib.sha256(b''.join(p.read_bytes() for p in modules)).hexdigest()
             if session.num_work_items == 0:
@@ -118,15 +123,15 @@ def main(argv=None):
                 return 2
             if not (WHERE / 'judges.xml').exists():
                 print('measuring which tests run what ...', flush=True)
-                measure(tree)
-            try_mutants(session, tree, arguments)
-        report(session, arguments.modules)
+                measure(copy_of_the_repository('tree'))
+            try_mutants(session, arguments)
+        report(session, arguments)
     return 0
 
 
-def copy_of_the_repository():
+def copy_of_the_repository(name):
     """Copy what git knows, or would know, to where it may be changed."""
-    tree = (WHERE / 'tree').absolute()
+    tree = (WHERE / name).absolute()
     files = subprocess.run(['git', 'ls-files', '-co', '--exclude-standard'], check=True,
                            capture_output=True, text=True).stdout.split('\n')
     for file in filter(os.path.isfile, files):
@@ -153,7 +158,6 @@ def measure(tree):
         print(f'Some tests fail as it is, and are not asked: see {WHERE / "judges.log"}')
     for name in ('.coverage', 'judges.xml'):
         shutil.copyfile(tree / name, WHERE / name)
-    copy_of_the_repository()  # for the compiled files
 
 
 class Judges:
@@ -173,21 +177,23 @@ class Judges:
         """
         Return tests that run a statement, the quickest first.
 
-        :param everything: all of them, and the whole file of tests for this module
+        :param everything: more of them, and the whole file of tests for this module: what numba
+            compiles is not seen to be run
         """
         own = Path('test', *path.parts[1:-1], f'test_{path.name}')
         first, last = statement(path, line)
         tests = self._of_lines(path, first, last)
         if not tests and self._is_run_at_import(path, first, last):
             tests = self._of_lines(path, 1, 10**6)
-        tests = sorted(tests, key=self._seconds.__getitem__)
-        if everything:
-            whole = [str(own)] if own.exists() else []
-            return whole + [test for test in tests if not test.startswith(f'{own}::')]
+        tests = sorted(tests, key=lambda test: self._seconds[test] * (
+            OWN if test.startswith(f'{own}::') else 1.0))
         chosen, total = [], 0.0
+        if everything and own.exists():
+            chosen = [str(own)]
+            tests = [test for test in tests if not test.startswith(f'{own}::')]
         for test in tests:
             total += self._seconds[test]
-            if chosen and total > BUDGET:
+            if chosen and total > (BUDGET_AGAIN if everything else BUDGET):
                 break
             chosen.append(test)
         return chosen
@@ -228,34 +234,80 @@ def statement(path, line):
     return first, last
 
 
-def try_mutants(session, tree, arguments):
-    """Try mutants until the time is up or there are enough."""
-    judges = Judges()
-    done = dict(session.results)
-    items = sorted(session.work_items, key=lambda item: (
-        str(item.mutations[0].module_path), item.mutations[0].operator_name,
-        item.mutations[0].occurrence))
-    items = [item for item in items if not LEFT_OUT.match(item.mutations[0].operator_name)]
+def annotations(path):
+    """Return where in a module annotations begin and end, as (line, column) both."""
+    spans = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        for name in ('annotation', 'returns'):
+            if (found := getattr(node, name, None)) is not None:
+                spans.append(((found.lineno, found.col_offset),
+                              (found.end_lineno, found.end_col_offset)))
+    return spans
+
+
+def mutants_in_order(session, arguments):
+    """Return the mutants that say something about the tests, as seed and sample have them."""
+    items = list(session.work_items)
+    spans = {path: annotations(path) for path in {i.mutations[0].module_path for i in items}}
+    items = sorted(
+        (item for item in items if not LEFT_OUT.match((m := item.mutations[0]).operator_name)
+         and not any(first <= tuple(m.start_pos) < last for first, last in spans[m.module_path])),
+        key=lambda item: (str(item.mutations[0].module_path), item.mutations[0].operator_name,
+                          item.mutations[0].occurrence))
     random.Random(arguments.seed).shuffle(items)
-    if arguments.sample is not None:
-        items = items[:arguments.sample]
-    items = [item for item in items if chosen(item, arguments.modules) and (
+    return [item for item in items[:arguments.sample] if chosen(item, arguments.modules)]
+
+
+def try_mutants(session, arguments):
+    """Try mutants until the time is up or there are enough."""
+    done = dict(session.results)
+    items = [item for item in mutants_in_order(session, arguments) if (
         is_survivor(done.get(item.job_id)) if arguments.again else item.job_id not in done)]
     import_what_tests_want()
+    trees = multiprocessing.SimpleQueue()
+    for k in range(arguments.jobs):
+        trees.put(f'tree{k}')
     end = time.monotonic() + (arguments.time or float('inf'))
-    for count, item in enumerate(items, 1):
-        if time.monotonic() > end:
-            break
+    with ProcessPoolExecutor(arguments.jobs, multiprocessing.get_context('fork'), Worker.begin,
+                             (trees, arguments.again)) as pool:
+        # Given out one by one, so that those that were tried are the first of the order.
+        waiting = iter(items)
+        pending = {pool.submit(Worker.judge, i) for i in itertools.islice(waiting, arguments.jobs)}
+        count = 0
+        while pending:
+            ready, pending = wait(pending, return_when=FIRST_COMPLETED)
+            for item, result in (future.result() for future in ready):
+                session.set_result(item.job_id, result)
+                count += 1
+                mutation = item.mutations[0]
+                print(f'{count}/{len(items)} {result.test_outcome.value} {mutation.module_path}:'
+                      f'{mutation.start_pos[0]} {(result.output or "").strip()[-150:]!r}',
+                      flush=True)
+            if time.monotonic() < end:
+                pending |= {pool.submit(Worker.judge, i)
+                            for i in itertools.islice(waiting, len(ready))}
+
+
+class Worker:
+    """A process that judges mutants in a copy of the repository of its own."""
+
+    @classmethod
+    def begin(cls, trees, again):
+        cls.tree, cls.again, cls.count = copy_of_the_repository(trees.get()), again, 0
+        cls.judges = Judges()  # in here: coverage's data is none any more in a forked process
+
+    @classmethod
+    def judge(cls, item):
         mutation = item.mutations[0]
-        tests = judges.of(mutation.module_path, mutation.start_pos[0], arguments.again)
-        result = judge(tree, mutation, tests, judges.seconds(tests))
-        session.set_result(item.job_id, result)
-        print(f'{count}/{len(items)} {result.test_outcome.value} {mutation.module_path}:'
-              f'{mutation.start_pos[0]} {(result.output or "").strip()[-150:]!r}', flush=True)
-        if count % CONTROL == 0:
-            killer = run(tree, tests, judges.seconds(tests))
+        tests = cls.judges.of(mutation.module_path, mutation.start_pos[0], cls.again)
+        seconds = cls.judges.seconds(tests)
+        result = judge(cls.tree, mutation, tests, seconds)
+        cls.count += 1
+        if cls.count % CONTROL == 0:
+            killer = run(cls.tree, tests, seconds)
             with (WHERE / 'controls.log').open('a') as file:
                 print(f'{mutation.module_path}:{mutation.start_pos[0]} {killer!r}', file=file)
+        return item, result
 
 
 def chosen(item, patterns):
@@ -277,6 +329,11 @@ def judge(tree, mutation, tests, seconds):
     diff = '\n'.join(line for line in difflib.unified_diff(
         code.split('\n'), mutant.split('\n'), n=0, lineterm='') if line[:3] not in ('---', '+++'))
     try:
+        compile(mutant, path, 'exec')
+    except SyntaxError:  # as of the star of keyword-only parameters
+        return WorkResult(worker_outcome=WorkerOutcome.NORMAL, diff=diff,
+                          test_outcome=TestOutcome.INCOMPETENT)
+    try:
         path.write_text(mutant)
         killer = run(tree, tests, seconds) if tests else None
     finally:
@@ -288,10 +345,10 @@ def judge(tree, mutation, tests, seconds):
 
 def run(tree, tests, seconds):
     """Run tests in a process of their own; return which one failed, or None."""
-    log = WHERE / 'killer'
+    log = tree.with_name(f'{tree.name}.killer')
     log.unlink(missing_ok=True)
     process = multiprocessing.get_context('fork').Process(
-        target=_child, args=(tree, tests, log.absolute(), seconds))
+        target=_child, args=(tree, tests, log, seconds))
     process.start()
     # Time on a processor tells a loop without end; the clock tells a wait for nothing.
     process.join(120.0 + 30.0 * seconds)
@@ -310,7 +367,7 @@ def _child(tree, tests, log, seconds):
     os.setsid()
     limit = int(10.0 + 3.0 * seconds)
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
-    output = os.open(log.with_name('output'), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    output = os.open(tree.with_name(f'{tree.name}.output'), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
     os.chdir(tree)
@@ -353,20 +410,19 @@ def import_what_tests_want():
                               phases=[Phase.explicit, Phase.generate])
 
 
-def report(session, patterns):
+def report(session, arguments):
     """Say how many mutants the tests kill, and which they do not."""
     equivalent = {(e['module'], _plain(e['code']), _plain(e['mutant'])): e['why']
                   for e in yaml.safe_load(EQUIVALENT.read_text()) or []}
     rows, survivors = defaultdict(Counter), []
-    population = Counter()
-    for item in session.work_items:
-        if not LEFT_OUT.match(item.mutations[0].operator_name) and chosen(item, patterns):
-            population[str(item.mutations[0].module_path)] += 1
-    for item, result in session.completed_work_items:
+    items, done = mutants_in_order(session, arguments), dict(session.results)
+    population = Counter(str(item.mutations[0].module_path) for item in items)
+    for item in items:
+        if (result := done.get(item.job_id)) is None \
+                or result.test_outcome == TestOutcome.INCOMPETENT:
+            continue
         mutation = item.mutations[0]
         module = str(mutation.module_path)
-        if not chosen(item, patterns):
-            continue
         if not is_survivor(result):
             what = 'timeout' if result.output == 'timeout' else 'killed'
         elif (module, *changed(result.diff)) in equivalent:
