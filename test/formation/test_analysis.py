@@ -19,6 +19,7 @@ import math
 import numpy as np
 import pytest
 from tetra_ros2.formation import (
+    analysis,
     complete,
     Cosine,
     custom,
@@ -27,6 +28,7 @@ from tetra_ros2.formation import (
     Formation,
     rotating,
     sphere,
+    targets,
 )
 
 FOLLOWERS = [(i, j) for i, j, _ in complete(4).edges if i != 1]
@@ -81,6 +83,10 @@ def test_the_numbers_of_the_papers_complete_graph(delay, steps):
     assert found.offset == 0.0
     if not delay:
         assert found.sampled_rate == pytest.approx(-math.log(1.0 - 0.01 * 8 / 3) / 0.01)
+    rates = [rate for rate, _, _ in found.max_delay_by_rate]
+    assert 1.0 / found.max_sample_time < rates[0] < 1.2 / found.max_sample_time
+    assert rates == sorted(rates)
+    assert 40.0 < rates[-1] * found.max_sample_time < 60.0
     for rate, most, late in found.max_delay_by_rate:
         assert late == pytest.approx(most / rate)
         assert late < found.max_delay
@@ -105,6 +111,20 @@ def test_beyond_its_limits_a_loop_is_not_stable_and_has_no_noise_to_speak_of():
     assert slow.sampled_rate < 0.0
     assert slow.max_delay_steps == -1
     assert (slow.angle_deviation, slow.mean_error) == (None, None)
+
+
+def test_a_shape_that_is_not_stable_attracts_nobody_and_a_neutral_one_might():
+    unstable = Formation(targets.polyhedron('cube', [1.0, 0.0, 0.0]), Exponential())
+    equilibrium, shape = analysis.attractor(unstable)
+    assert shape is None
+    assert equilibrium.inertia[0] == 0
+    assert equilibrium.residual < 1e-8
+    neutral = Formation(complete(6), Cosine())
+    equilibrium, shape = analysis.attractor(neutral)
+    assert shape is neutral.shape
+    assert equilibrium.inertia[0] == 0
+    assert equilibrium.inertia[1] > 0
+    assert not neutral.analyze().hyperbolic
 
 
 def test_two_agents_whose_gain_is_zero_where_they_end_have_no_rate():

@@ -61,6 +61,24 @@ def test_it_tells_the_time_to_form_as_the_observer_does():
         assert observer.formed_at - observer.started_at == step
 
 
+def test_the_last_step_counts_and_none_is_taken_after_it():
+    graph, chosen = GRAPHS[0], gain.Cosine()
+    gamma = rotation.rotate(starts(4, 3), AXIS)
+    given = (graph.weights, chosen, shapes.TETRAHEDRON.angles, 0.1, 0.05)
+    for follow in (batch.run, batch.compiled(chosen)):
+        formed = follow(gamma[:1], *given, 400, 0)[0]
+        assert formed[0] > 3
+        for longest, came in ((formed[0], formed[0]), (formed[0] - 1, batch.NEVER)):
+            assert follow(gamma[:1], *given, longest, 0)[0] == came
+        assert follow(gamma[:1], *given, formed[0] + 2, 2)[0] == formed
+        assert follow(gamma[:1], *given, formed[0] + 1, 2)[0] == formed
+        for longest in (0, 1, 2):
+            expected = gamma
+            for _ in range(longest):
+                expected = batch.advance(expected, *given[:2], given[-1])
+            np.testing.assert_allclose(follow(gamma, *given, longest, 5)[1], expected, atol=1e-14)
+
+
 def test_a_start_that_does_not_form_is_told():
     graph = topology.complete(4)
     together = np.tile(AXIS, (3, 4, 1))

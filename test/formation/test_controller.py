@@ -209,6 +209,33 @@ def test_a_plant_that_takes_long_steps_is_answered_at_once():
         assert isinstance(answer, tuple)
 
 
+@pytest.mark.parametrize('clock', [0, 1])
+def test_a_leap_of_up_to_four_times_the_last_is_taken_and_a_longer_one_is_not(clock):
+    step = 10**9
+    for leap, taken in ((4 * step, True), (4 * step + 1, False)):
+        # It has no clock, or one that says something else.
+        controller = Controller(AXIS, WEIGHTS, GAIN, lambda: clock)
+        for stamp in (EPOCH, EPOCH + step):
+            receive_round(controller, stamp)
+        got = outcome(controller, 0, EPOCH + step + leap, X)
+        assert got == (None if taken else Rejected.FUTURE_STAMP)
+        assert controller.stamp == EPOCH + step + (leap if taken else 0)
+
+
+def test_a_stamp_may_be_ahead_by_so_much_of_those_in_use_or_of_the_clock():
+    step, ahead = PERIOD, 500_000_000
+    for clock, behind, taken in ((0, ahead, True), (0, ahead + 1, False),
+                                 (EPOCH + 10**10 + 1, 10**10, True),
+                                 (EPOCH + 10**10 + step + ahead, 10**10, False),
+                                 (EPOCH + 10**10 + step - ahead, 10**10, False)):
+        controller = Controller(AXIS, WEIGHTS, GAIN, lambda clock=clock: clock)
+        controller.ahead = ahead
+        for stamp in (EPOCH, EPOCH + step):
+            receive_round(controller, stamp)
+        got = outcome(controller, 0, EPOCH + step + behind, X)
+        assert got == (None if taken else Rejected.FUTURE_STAMP), (clock, behind)
+
+
 BAD = st.tuples(
     st.sampled_from(SLOTS), st.integers(0, 9),
     st.sampled_from([

@@ -56,6 +56,7 @@ def test_a_design_keeps_its_points_turning_as_asked_and_attracts(name, spin):
     assert made.slowest > 0.2 * made.fastest
     outcome = design.try_starts(made, 30)
     assert outcome.formed == 30, outcome
+    assert (outcome.starts, outcome.others, outcome.unsettled) == (30, (), 0)
 
 
 def test_the_papers_rotating_tetrahedron_is_found():
@@ -140,9 +141,10 @@ def test_points_that_cannot_be_are_refused(points, reason):
         design.check_points(np.array(points))
 
 
-def test_another_shape_that_attracts_is_found_and_counted():
+@pytest.mark.parametrize('a', [1e-4, 1.0, 1e4])
+def test_another_shape_that_attracts_is_found_and_counted(a):
     # The weights lead to an octahedron, and something else was asked for.
-    octahedron, gain = polyhedra.SOLIDS['octahedron'], Exponential()
+    octahedron, gain = polyhedra.SOLIDS['octahedron'], Exponential(a)
     weights = polyhedra.weights(octahedron, np.array([1.0, 6.0]), octahedron[0])
     there = stability.transverse(octahedron, weights, gain)
     prism = POINTS['triangular prism']

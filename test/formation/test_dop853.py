@@ -138,6 +138,35 @@ def test_steps_adapt_to_the_solution_by_a_factor_of_six_at_most():
     assert np.max([step.end - step.begin for step in found]) < 1.0
 
 
+@pytest.mark.parametrize('tolerance', [1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize('h', [0.02, 0.3, 2.0])
+def test_the_next_step_is_as_long_as_the_estimate_of_the_error_allows(tolerance, h):
+    # Hairer, Norsett, Wanner, II.4 and II.10: both estimates together, and a factor for safety.
+    calls, slopes = [], [pendulum(START)]
+    for row in dop853.STAGES[1:]:
+        slopes.append(pendulum(START + h * sum(f * slopes[k] for k, f in row)))
+    fifth, third = (np.linalg.norm(sum(f * slopes[k] for k, f in row))
+                    for row in (dop853.FIFTH_ERROR, dop853.THIRD_ERROR))
+    error = h * fifth**2 / np.hypot(fifth, 0.1 * third) / np.sqrt(2.0) / tolerance
+    factor = np.clip(0.9 * error**(-1.0 / 8.0), 0.2, 6.0)
+
+    def counted(x):
+        calls.append(x)
+        return pendulum(x)
+
+    found = dop853.steps(counted, START, tolerance, lambda x: x, h)
+    first = next(found)
+    if error <= 1.0:
+        assert first.end == h
+        second = next(found)
+        if len(calls) == 1 + 2 * 12:
+            assert second.end - second.begin == pytest.approx(factor * h, rel=1e-6)
+    elif len(calls) == 1 + 11 + 12:
+        assert first.end == pytest.approx(factor * h, rel=1e-6)
+    else:
+        assert first.end < factor * h
+
+
 def test_it_ends_at_the_time_wished_for_and_restores_each_step():
     found = list(dop853.steps(pendulum, START, 1e-8, lambda x: np.round(x, 6), 0.3, 2.0))
     assert found[0].begin == 0.0

@@ -17,7 +17,7 @@
 import numba
 import numpy as np
 import pytest
-from tetra_ros2.formation import flow, law
+from tetra_ros2.formation import _dop853, flow, law
 from tetra_ros2.formation.gain import Cosine, Exponential
 from tetra_ros2.formation.topology import complete, rotating
 
@@ -47,6 +47,38 @@ def test_it_follows_the_law(topology, gain):
     expected = runge_kutta(gamma, topology.weights, gain, 1e-3, 1000)
     np.testing.assert_allclose(end, expected, atol=1e-10)
     np.testing.assert_allclose(np.linalg.norm(end, axis=-1), 1.0, atol=1e-14)
+
+
+@pytest.mark.parametrize('tolerance', [1e-3, 1e-6])
+@pytest.mark.parametrize(('topology', 'gain'), CASES)
+def test_it_takes_the_steps_of_the_integrator_on_arrays(topology, gain, tolerance):
+    duration, weights = 3.0, topology.weights
+
+    def rate(x):
+        # The stages of a step leave the sphere a little: there this is what is followed.
+        cosine = x @ x.T
+        rate = weights * gain.of_cosine(cosine)
+        return np.sum(rate * cosine, axis=1)[:, None] * x - rate @ x
+
+    for start in starts(5):
+        first = 0.1 / np.max(np.abs(rate(start)))
+        *_, last = _dop853.steps(rate, start, tolerance, flow._unit, first, duration)
+        end, = flow.run(start[None], weights, gain, duration, tolerance)
+        np.testing.assert_allclose(end, last.after, atol=1e-12)
+
+
+@pytest.mark.parametrize(('topology', 'gain'), CASES)
+def test_the_worst_of_a_block_decides_about_its_steps(topology, gain):
+    # The others could take longer steps, and are no less exact for it.
+    gamma = starts(flow.LANES)
+    gamma[3] = gamma[3, :1] + 1e-3 * gamma[3]
+    gamma[3] /= np.linalg.norm(gamma[3], axis=-1, keepdims=True)
+    alone = np.concatenate([
+        flow.run(one[None], topology.weights, gain, 1.0, 1e-5) for one in gamma])
+    exact = flow.run(gamma, topology.weights, gain, 1.0, 1e-13)
+    together = flow.run(gamma, topology.weights, gain, 1.0, 1e-5)
+    error = [np.max(np.abs(end - exact), axis=(1, 2)) for end in (together, alone)]
+    assert np.all(error[0] < np.maximum(2.0 * error[1], 1e-6))
 
 
 @pytest.mark.parametrize('tolerance', [1e-4, 1e-6, 1e-8])

@@ -96,6 +96,8 @@ def test_a_blind_agent_that_moves_is_not_explained():
     rates = rates.copy()
     rates[:, 3] += 0.1
     assert identify.identify(gamma, rates, edges) is None
+    rates[:, :3] = 0.0
+    assert identify.identify(gamma, rates, edges) is None
 
 
 def test_states_without_commands_are_left_out():

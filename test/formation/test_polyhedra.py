@@ -92,6 +92,26 @@ def test_a_prism_is_neither():
     assert np.max(polyhedra.anisotropy(points)) > 0.1
 
 
+def test_imbalance_and_anisotropy_are_what_they_are_said_to_be():
+    for points in (triangular_prism(), *polyhedra.SOLIDS.values()):
+        points = sphere.normalize(points + 1e-8 * np.arange(points.size).reshape(points.shape))
+        classes = polyhedra.distance_classes(points)
+        tangent = [[pj - (pi @ pj) * pi for pj in points] for pi in points]
+        imbalance, anisotropy = np.zeros(len(classes.angles)), np.zeros(len(classes.angles))
+        for c, angle in enumerate(classes.angles):
+            near = [[j for j in range(len(points)) if classes.of_pair[i, j] == c]
+                    for i in range(len(points))]
+            size = np.mean([len(js) for js in near])
+            for i, js in enumerate(near):
+                u = np.array([tangent[i][j] for j in js]).reshape(-1, 3)
+                plane = np.eye(3) - np.outer(points[i], points[i])
+                imbalance[c] = max(imbalance[c], np.linalg.norm(np.sum(u, axis=0)))
+                anisotropy[c] = max(anisotropy[c], np.max(np.abs(
+                    u.T @ u - 0.5 * size * np.sin(angle)**2 * plane)))
+        assert_close(polyhedra.imbalance(points), imbalance, atol=1e-14)
+        assert_close(polyhedra.anisotropy(points), anisotropy, atol=1e-14)
+
+
 @EVERY_SOLID
 @given(CLASS_WEIGHTS, UNIT, SPIN, any_gain(), st.booleans())
 def test_a_solid_turns_about_any_axis_at_the_rate_of_the_closed_form(

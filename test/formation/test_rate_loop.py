@@ -109,11 +109,12 @@ def test_a_fast_rate_loop_leaves_the_law_as_it_is():
     assert np.linalg.norm(fast.spin) == pytest.approx(np.linalg.norm(alone.spin), rel=1e-3)
 
 
-def test_the_sampled_loop_with_a_fast_rate_loop_is_that_of_kinematic_bodies():
+@pytest.mark.parametrize('delay_steps', [0, 1, 3])
+def test_the_sampled_loop_with_a_fast_rate_loop_is_that_of_kinematic_bodies(delay_steps):
     h = 0.05
     fast = rate_loop.rate_loop_equilibrium(
-        TETRAHEDRON, ROTATING, COSINE, 1e6, h=h, delay_steps=1)
-    kinematic = sampling.sampled_equilibrium(TETRAHEDRON, ROTATING, COSINE, h, 1)
+        TETRAHEDRON, ROTATING, COSINE, 1e6, h=h, delay_steps=delay_steps)
+    kinematic = sampling.sampled_equilibrium(TETRAHEDRON, ROTATING, COSINE, h, delay_steps)
     slowest = -np.log(abs(kinematic.floquet_multipliers()[0])) / h
     assert fast.slowest_rate == pytest.approx(slowest, rel=1e-4)
     assert np.linalg.norm(fast.spin) == pytest.approx(np.linalg.norm(kinematic.spin), rel=1e-4)

@@ -170,6 +170,13 @@ def test_a_bad_measurement_is_counted_and_what_else_is_raised_survived(alone, mo
     assert 'ZeroDivisionError' in alone.node.health._last_exception
 
 
+def test_with_simulated_time_silence_is_measured_in_that(probe, monkeypatch):
+    with Bench(probe, Agent, 1, rate=0.01, use_sim_time=True) as bench:
+        now = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=1_250_000_000))
+        monkeypatch.setattr(bench.node, 'get_clock', lambda: now)
+        assert bench.node._now() == 1.25
+
+
 def test_its_last_command_is_zero_if_there_was_any(probe, alone):
     alone.see(1000)
     alone.node.close()

@@ -130,6 +130,23 @@ def test_it_tells_where_the_body_is_if_the_driver_knows(probe, bench):
     assert node.poses == told
 
 
+def test_a_driver_that_fails_is_told_to_hold_the_body_and_let_go(bench, clock, monkeypatch):
+    node, driver = bench.node, Obedient.made[0]
+
+    def apply(rate, dt):
+        driver.applied.append((rate, dt))
+        raise ValueError('out of range')
+
+    monkeypatch.setattr(driver, 'apply', apply)
+    command(node, 1)
+    assert [rate for rate, _ in driver.applied] == [TURN, STILL]
+    assert driver.closed
+    level, message, values = node.assess()
+    assert level == diagnostics.ERROR
+    assert 'the body is lost: ValueError: out of range' in message
+    assert values['losses'] == 1
+
+
 def test_a_body_out_of_reach_is_reported_and_tried_again_every_half_second(bench, clock):
     node, driver = bench.node, Obedient.made[0]
     command(node, 1)
