@@ -18,7 +18,7 @@ import math
 import numpy as np
 import pytest
 from tetra_ros2.formation import law, polyhedra, sphere, stability, targets, topology
-from tetra_ros2.formation.gain import Cosine, Exponential
+from tetra_ros2.formation.gain import Cosine, Exponential, Rational
 
 pytest.importorskip('scipy')
 design = pytest.importorskip('tetra_ros2.formation.design')
@@ -153,3 +153,105 @@ def test_another_shape_that_attracts_is_found_and_counted(a):
     (found, count), = outcome.others
     assert count == 20 - outcome.unsettled > 10
     assert targets.name(found) == 'regular octahedron'
+
+
+def program(points, gain, spin=None):
+    """Return the linear programs for points, and that all edges are allowed."""
+    made = design._Program(points, gain, np.zeros(3) if spin is None else spin,
+                           design.check_points(points))
+    return made, np.ones(len(made.edges), dtype=bool)
+
+
+@pytest.mark.parametrize(('name', 'gain'), [
+    ('tetrahedron', Cosine()), ('tetrahedron', Exponential()), ('octahedron', Exponential()),
+    ('octahedron', Rational(0.7, 1.3))], ids=str)
+def test_the_first_choice_is_as_good_as_the_best_symmetric_one(name, gain):
+    # The least eigenvalue is concave, so that some best weights have the solid's symmetry.
+    points = polyhedra.SOLIDS[name]
+    most = 0.0
+    for ratio in np.geomspace(0.1, 20.0, 100) if name == 'octahedron' else [1.0]:
+        weights = polyhedra.weights(points, np.array([1.0, ratio]), points[0]) \
+            if name == 'octahedron' else topology.complete(4).weights
+        rates = -stability.transverse(points, weights, gain).eigenvalues.real
+        most = max(most, np.min(rates) / np.max(rates))
+    made, allowed = program(points, gain)
+    w, _, decay = made.choose(allowed)
+    assert 0.97 * most < decay < most * 1.001
+    assert made.ratio(w, 1.0) > 0.98 * decay
+
+
+@pytest.mark.parametrize('name', POINTS)
+def test_the_more_decay_is_given_up_the_more_spin_there_is_up_to_the_most(name):
+    made, allowed = program(POINTS[name], Exponential(), SPIN)
+    decay = made.choose(allowed)[2]
+    shares = []
+    for part in (0.9, 0.3):
+        w, share, left = made.choose(allowed, part * decay)
+        assert np.min(w) >= 0.0
+        np.testing.assert_allclose(made.equations @ w, share * made.motion, atol=1e-8)
+        assert left > 0.95 * part * decay - 1e-3
+        symmetric = np.linalg.eigvalsh(np.einsum('e,eab->ab', w, made.symmetric))
+        assert symmetric[-1] < 1.03
+        shares.append(share)
+    assert 0.0 < shares[0] < shares[1]
+
+
+@pytest.mark.parametrize('name', POINTS)
+@pytest.mark.parametrize('spin', [None, SPIN], ids=['at rest', 'spinning'])
+def test_no_other_weights_nearby_are_better_than_those_that_were_improved(name, spin):
+    made, allowed = program(POINTS[name], Exponential(), spin)
+    w, share, _ = made.choose(allowed, *([] if spin is None else [0.2]))
+    improved = made.improve(w, share, allowed)
+    reached = made.ratio(improved, share)
+    assert reached >= made.ratio(w, share)
+    assert np.min(improved) >= 0.0
+    np.testing.assert_allclose(made.equations @ improved, share * made.motion, atol=1e-8)
+    free = np.linalg.svd(made.equations)[2][np.linalg.matrix_rank(made.equations):]
+    rng = np.random.default_rng(0)
+    tried = 0
+    for size in 10.0**rng.uniform(-4.0, -1.0, 100) * np.max(improved):
+        other = np.maximum(improved + size * rng.standard_normal(len(free)) @ free, 0.0)
+        if np.max(np.abs(made.equations @ other - share * made.motion)) < 1e-9:
+            tried += 1
+            assert made.ratio(other, share) < (1.01 if spin is None else 1.06) * reached
+    assert tried or np.min(improved) == 0.0
+
+
+@pytest.mark.parametrize('a', [1e-4, 1e4])
+def test_a_design_at_rest_does_not_depend_on_the_unit_of_time(a):
+    slow, fast = (design.design(POINTS['four of my own'], Exponential(unit)) for unit in (1.0, a))
+    assert np.max(fast.weights) == np.max(slow.weights) == 1.0
+    assert fast.slowest == pytest.approx(a * slow.slowest, rel=1e-3)
+    assert fast.fastest == pytest.approx(a * slow.fastest, rel=1e-3)
+
+
+def test_a_design_tells_its_rates_and_of_how_many_neighbours_it_is():
+    made = design.design(POINTS['bipyramid'], Exponential())
+    values = made.equilibrium.eigenvalues
+    assert made.slowest == pytest.approx(-np.max(values.real))
+    assert made.fastest == pytest.approx(np.max(np.abs(values)))
+    assert made.degree == max(np.count_nonzero(row) for row in made.weights)
+    assert made.equilibrium.residual < 1e-9
+
+
+def test_fewer_neighbours_than_hold_an_agent_are_refused_with_the_agent():
+    with pytest.raises(design.DesignError, match='sees no more than 1 others; with . there is'):
+        design.design(POINTS['four of my own'], Exponential(), max_degree=1)
+
+
+def test_points_as_close_or_as_many_as_allowed_are_taken_and_no_others():
+    def pair(angle):
+        return np.array([[0.0, 0.0, 1.0], [math.sin(angle), 0.0, math.cos(angle)],
+                         [0.0, 1.0, 0.0]])
+
+    assert np.array_equal(design.check_points(pair(1.1e-4)), ~np.eye(3, dtype=bool))
+    with pytest.raises(design.DesignError, match='points 1 and 2 coincide'):
+        design.check_points(pair(0.9e-4))
+    many = sphere.random(np.random.default_rng(0), (41,))
+    assert design.check_points(many[:40]).shape == (40, 40)
+    with pytest.raises(design.DesignError, match='41 points are not valid, expected 2 to 40'):
+        design.check_points(many)
+    with pytest.raises(design.DesignError, match='agent 3 sees nobody within 1 rad'):
+        design.check_points(pair(0.5), 1.0)
+    seen = design.check_points(pair(0.5), 0.5 * math.pi)
+    assert np.array_equal(seen, ~np.eye(3, dtype=bool)), 'as far as it sees counts'
