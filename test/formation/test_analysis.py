@@ -52,6 +52,16 @@ def test_what_has_no_numbers_is_refused(graph, gain, what):
         Formation(graph, gain).analyze()
 
 
+def test_a_delay_longer_than_linear_algebra_bears_is_refused(monkeypatch):
+    monkeypatch.setattr(analysis, 'MAX_HISTORY', 3 * 4 * 6)
+    formation = Formation(complete(4), Exponential())
+    assert formation.analyze(rate=100.0, delay=0.05).delay_steps == 5
+    with pytest.raises(analysis.NotAnalyzable, match='6 steps of delay .*, expected 5 at most for '
+                       '4 agents') as refusal:
+        formation.analyze(rate=100.0, delay=0.06)
+    assert refusal.value.key == 'delay'
+
+
 def test_a_shape_that_goes_on_changing_has_no_numbers(monkeypatch):
     graph = custom(4, FOLLOWERS[:-1])
     start = sphere.random(np.random.default_rng(0), (4,))

@@ -20,7 +20,7 @@ import sys
 import numba
 import numpy as np
 import pytest
-from tetra_ros2.formation import batch, gain, rotation, shapes, topology
+from tetra_ros2.formation import batch, gain, law, rotation, shapes, topology
 from tetra_ros2.formation.observer import Observer
 from tetra_ros2.formation.simulation import SampledLoop
 
@@ -77,6 +77,18 @@ def test_the_last_step_counts_and_none_is_taken_after_it():
             for _ in range(longest):
                 expected = batch.advance(expected, *given[:2], given[-1])
             np.testing.assert_allclose(follow(gamma, *given, longest, 5)[1], expected, atol=1e-14)
+
+
+@pytest.mark.parametrize('size', [0.05, 0.09, 0.0999, 0.1001, 0.3, 2.0])
+def test_a_compiled_step_is_exact_to_rounding_however_long(size):
+    chosen, still = gain.Exponential(), np.ones((2, 2)) - np.eye(2)
+    gamma = rotation.rotate(starts(2, 200), AXIS)
+    rate = np.linalg.norm(law.velocity(gamma, still, chosen), axis=-1)
+    for one, speed in zip(gamma, rate[:, 0]):
+        h = size / speed
+        _, last = batch.compiled(chosen)(one[None], still, chosen, [9.0], 1e-3, h, 1, 1)
+        expected = batch.advance(one[None], still, chosen, h)
+        assert np.max(np.abs(last - expected)) < 8e-16 * max(1.0, size / 0.1)
 
 
 def test_a_start_that_does_not_form_is_told():

@@ -235,7 +235,7 @@ def test_a_design_tells_its_rates_and_of_how_many_neighbours_it_is():
 
 
 def test_fewer_neighbours_than_hold_an_agent_are_refused_with_the_agent():
-    with pytest.raises(design.DesignError, match='sees no more than 1 others; with . there is'):
+    with pytest.raises(design.DesignError, match=r'sees no more than 1 others; with \d there is'):
         design.design(POINTS['four of my own'], Exponential(), max_degree=1)
 
 

@@ -128,7 +128,10 @@ def test_what_makes_no_formation_is_refused(arguments, error, what):
 @pytest.mark.parametrize(('arguments', 'what'), [
     ({'duration': -1.0}, 'duration must be'), ({'rate': 0.0}, 'rate must be'),
     ({'rate': np.nan}, 'rate must be'), ({'rate': 1e12}, '1e9 Hz'),
-    ({'noise': -1.0}, 'noise and loss'), ({'delay': np.inf}, 'noise and loss'),
+    ({'rate': 1.001e9}, '1e9 Hz'),
+    *(({key: value}, 'noise and loss') for key in ('noise', 'loss')
+      for value in (-1e-3, 1.001, np.nan)),
+    *(({'delay': value}, 'noise and loss') for value in (-1e-3, np.inf, np.nan)),
     ({'delay': 0.1, 'continuous': True}, 'continuous loop are exact'),
     ({'initial': np.ones((3, 4))}, r'shape \(4, 4\), quaternions'),
     ({'initial': 2.0 * np.ones((4, 3))}, 'unit quaternions or unit vectors'),

@@ -49,6 +49,8 @@ def test_the_rates_of_the_body_follow_from_those_of_the_joints(pan, tilt, pan_ra
 def test_without_limits_every_direction_can_be_pointed_along(seed):
     direction = sphere.random(np.random.default_rng(seed))
     pan, tilt = gimbal.angles(direction.tolist())
+    assert abs(pan) <= 0.5 * math.pi, 'the smallest that will do'
+    assert abs(tilt) <= math.pi
     pointed = rotation.rotate(np.array(gimbal.attitude(pan, tilt)), [1.0, 0.0, 0.0])
     assert np.max(np.abs(pointed - direction)) < 1e-12
 
