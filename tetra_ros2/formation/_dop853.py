@@ -161,8 +161,7 @@ def steps(rate: Rate, start: Array, tolerance: float, restore: Rate, first: floa
             h * fifth / np.sqrt((fifth + 0.01 * third) * x.size) / tolerance
         if not np.isfinite(error):
             raise FloatingPointError('the solution is not finite')
-        # A step too short for the time to tell counts, whatever its error.
-        if error <= 1.0 or time + 1e-3 * h == time:
+        if error <= 1.0:
             after = restore(_combine(x, slopes, SOLUTION, h))
             slope = rate(after)
             until = end if h == end - time else time + h
