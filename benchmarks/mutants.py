@@ -19,7 +19,7 @@ The changes are those of cosmic-ray, and so is the session that keeps what came 
 are tried in a random order that the seed decides, so that wherever it is stopped, those that were
 tried are a random sample of all. Each is judged by the tests that run the changed statement, the
 quickest first, in a process forked off one that has imported everything but this package: that
-costs half a second instead of four. What lives may be tried again by more tests.
+costs half a second instead of four. What lives is tried again by more tests.
 
 Every so often the same tests are run on the code as it is. Should they fail, mutants were killed
 by the machine and not by the tests.
@@ -188,7 +188,7 @@ class Judges:
         :param everything: more of them, and the whole file of tests for this module: what numba
             compiles is not seen to be run
         """
-        own = Path('test', *path.parts[1:-1], f'test_{path.name}')
+        own = Path('test', *path.parts[1:-1], f'test_{path.name.lstrip("_")}')
         first, last = statement(path, line)
         tests = self._of_lines(path, first, last)
         if not tests and self._is_run_at_import(path, first, last):
@@ -307,9 +307,12 @@ class Worker:
     @classmethod
     def judge(cls, item):
         mutation = item.mutations[0]
-        tests = cls.judges.of(mutation.module_path, mutation.start_pos[0], cls.again)
-        seconds = cls.judges.seconds(tests)
-        result = judge(cls.tree, mutation, tests, seconds)
+        for everything in (True,) if cls.again else (False, True):
+            tests = cls.judges.of(mutation.module_path, mutation.start_pos[0], everything)
+            seconds = cls.judges.seconds(tests)
+            result = judge(cls.tree, mutation, tests, seconds)
+            if not is_survivor(result):
+                break
         cls.count += 1
         if cls.count % CONTROL == 0:
             killer = run(cls.tree, tests, seconds)
