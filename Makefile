@@ -76,7 +76,7 @@ lint: $(VENV)/.test  ## check style and types
 coverage: $(VENV)/.test  ## measure which branches of the mathematics and the nodes the tests run
 	$(CLEAN) $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check coverage
 	$(CLEAN) $(VENV)/bin/coverage erase
-	$(CLEAN) $(VENV)/bin/coverage run -m pytest $(PYTEST_ARGS)
+	$(CLEAN) $(VENV)/bin/coverage run -m pytest $(PARALLEL) $(PYTEST_ARGS)
 	$(CLEAN) $(VENV)/bin/coverage combine --quiet
 	$(CLEAN) $(VENV)/bin/coverage report --show-missing \
 	  --include='tetra_ros2/formation/*,tetra_ros2/wire/*,tetra_ros2/nodes/*'

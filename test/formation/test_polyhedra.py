@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import any_gain, assert_close
-from tetra_ros2.formation import law, measures, polyhedra, sphere, topology
-from tetra_ros2.formation.gain import Cosine
+from tetra_ros2.formation import law, measures, polyhedra, sphere, stability, topology
+from tetra_ros2.formation.gain import Cosine, Exponential
 
 ROUNDING = 1e-13
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
@@ -90,6 +90,14 @@ def test_a_prism_is_neither():
     points = triangular_prism()
     assert np.max(polyhedra.imbalance(points)) > 0.1
     assert np.max(polyhedra.anisotropy(points)) > 0.1
+
+
+@EVERY_SOLID
+def test_under_the_recommended_weights_no_mode_is_much_slower_than_the_others(name):
+    points, gain = polyhedra.SOLIDS[name], Exponential()
+    weights = polyhedra.weights(points, np.array(polyhedra.CLASS_WEIGHTS[name]), points[0])
+    rates = -stability.transverse(points, weights, gain).eigenvalues.real
+    assert np.min(rates) > 0.32 * np.max(rates)
 
 
 def test_imbalance_and_anisotropy_are_what_they_are_said_to_be():

@@ -111,7 +111,10 @@ def test_lyapunov_function_has_its_closed_form_for_the_cosine_gain():
 
 
 def test_newtons_method_finds_all_the_papers_equilibria_and_no_other():
-    found, _ = equilibria.find_equilibria(np.random.default_rng(0), COMPLETE, Cosine(), 300)
+    found, nowhere = equilibria.find_equilibria(np.random.default_rng(0), COMPLETE, Cosine(), 300)
+    counts = [entry.found for entry in found]
+    assert counts == sorted(counts, reverse=True), 'the most often found first'
+    assert sum(counts) + nowhere == 300
     kinds = {entry.kind for entry in found}
     assert kinds == {'tetrahedron', 'cross', 'consensus', '3 against 1', '2 against 2',
                      'other coplanar'}
