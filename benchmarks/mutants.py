@@ -79,11 +79,14 @@ LEFT_OUT = re.compile(
     r'|core/ReplaceComparisonOperator_(Eq_Is|NotEq_IsNot|Is_Eq|IsNot_NotEq)$')
 """Kinds of changes that say nothing about the tests."""
 
-BUDGET, BUDGET_AGAIN = 20.0, 90.0
-"""How long the tests that judge a mutant may have taken without it, together [s]."""
+BUDGET, BUDGET_MORE = 10.0, 30.0
+"""How long the tests that judge a mutant may seem to take without it, together [s]."""
 
 OWN = 0.2
 """By what factor a test of the module's own file seems quicker: it is the likeliest to fail."""
+
+NEW = 2.0
+"""How long a test is thought to take that was not measured [s]."""
 
 PLUGINS = ('_hypothesis_pytestplugin', 'pytest_timeout')
 """The plugins of pytest that the tests want."""
@@ -168,40 +171,42 @@ class Judges:
     """
 
     def __init__(self, tree):
-        there = set(subprocess.run(
+        self._there = set(subprocess.run(
             [sys.executable, '-m', 'pytest', '--collect-only', '-q', '-p', 'no:cacheprovider',
              *JUDGES], cwd=tree, env=os.environ | {'PYTHONPATH': str(tree)}, check=True,
             capture_output=True, text=True).stdout.split('\n'))
         self._seconds = {}
         for case in ElementTree.parse(WHERE / 'judges.xml').iter('testcase'):
             test = f'{case.get("classname").replace(".", "/")}.py::{case.get("name")}'
-            if test in there and case.find('failure') is None and case.find('error') is None:
+            if test in self._there and case.find('failure') is None and case.find('error') is None:
                 self._seconds[test] = float(case.get('time'))
         self._data = CoverageData(WHERE / '.coverage')
         self._data.read()
         self._lines = {}
 
-    def of(self, path, line, everything=False):
+    def of(self, path, line, more=False, but=()):
         """
         Return tests that run a statement, the quickest first.
 
-        :param everything: more of them, and the whole file of tests for this module: what numba
-            compiles is not seen to be run
+        :param more: more of them, and all in the module's own file of tests: what numba compiles
+            is not seen to be run, and what is new has not been measured
+        :param but: leave out these
         """
         own = Path('test', *path.parts[1:-1], f'test_{path.name.lstrip("_")}')
         first, last = statement(path, line)
         tests = self._of_lines(path, first, last)
         if not tests and self._is_run_at_import(path, first, last):
             tests = self._of_lines(path, 1, 10**6)
-        tests = sorted(tests, key=lambda test: self._seconds[test] * (
-            OWN if test.startswith(f'{own}::') else 1.0))
+        if more:
+            tests |= {test for test in self._there if test.startswith(f'{own}::')}
+
+        def seconds(test):
+            return self._seconds.get(test, NEW) * (OWN if test.startswith(f'{own}::') else 1.0)
+
         chosen, total = [], 0.0
-        if everything and own.exists():
-            chosen = [str(own)]
-            tests = [test for test in tests if not test.startswith(f'{own}::')]
-        for test in tests:
-            total += self._seconds[test]
-            if chosen and total > (BUDGET_AGAIN if everything else BUDGET):
+        for test in sorted(tests - set(but), key=seconds):
+            total += seconds(test)
+            if chosen and total > (BUDGET_MORE if more else BUDGET):
                 break
             chosen.append(test)
         return chosen
@@ -222,8 +227,8 @@ class Judges:
                    if first <= line <= last)
 
     def seconds(self, tests):
-        """Return how long they took [s]; a whole file counts as nothing."""
-        return sum(self._seconds.get(test, 0.0) for test in tests)
+        """Return how long each of them took [s]."""
+        return {test: self._seconds.get(test, NEW) for test in tests}
 
 
 def statement(path, line):
@@ -307,12 +312,13 @@ class Worker:
     @classmethod
     def judge(cls, item):
         mutation = item.mutations[0]
-        for everything in (True,) if cls.again else (False, True):
-            tests = cls.judges.of(mutation.module_path, mutation.start_pos[0], everything)
-            seconds = cls.judges.seconds(tests)
-            result = judge(cls.tree, mutation, tests, seconds)
-            if not is_survivor(result):
-                break
+        at = mutation.module_path, mutation.start_pos[0]
+        tests = cls.judges.of(*at, more=cls.again)
+        seconds = cls.judges.seconds(tests)
+        result = judge(cls.tree, mutation, tests, seconds)
+        if is_survivor(result) and not cls.again and (
+                others := cls.judges.of(*at, more=True, but=tests)):
+            result = judge(cls.tree, mutation, others, cls.judges.seconds(others))
         cls.count += 1
         if cls.count % CONTROL == 0:
             killer = run(cls.tree, tests, seconds)
@@ -362,8 +368,8 @@ def run(tree, tests, seconds):
         target=_child, args=(tree, tests, log, seconds))
     process.start()
     # Time on a processor tells a loop without end; the clock tells a wait for nothing.
-    process.join(120.0 + 30.0 * seconds)
-    timed_out = process.exitcode is None or process.exitcode == -signal.SIGKILL
+    process.join(120.0 + 30.0 * sum(seconds.values()))
+    timed_out = process.exitcode in (None, -signal.SIGXCPU)
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)  # and whatever it started
     process.join()
@@ -381,8 +387,6 @@ def run(tree, tests, seconds):
 
 def _child(tree, tests, log, seconds):
     os.setsid()
-    limit = int(10.0 + 3.0 * seconds)
-    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
     output = os.open(tree.with_name(f'{tree.name}.output'), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
@@ -394,6 +398,11 @@ def _child(tree, tests, log, seconds):
     sys.dont_write_bytecode = True
 
     class Killer:
+
+        @staticmethod
+        def pytest_runtest_logstart(nodeid):
+            limit = time.process_time() + 10.0 + 3.0 * seconds.get(nodeid, NEW)
+            resource.setrlimit(resource.RLIMIT_CPU, (int(limit), resource.RLIM_INFINITY))
 
         @staticmethod
         def pytest_runtest_logreport(report):

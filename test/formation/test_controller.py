@@ -178,6 +178,22 @@ def test_a_plant_whose_clock_is_set_is_believed_when_all_neighbours_agree(jump):
     assert all(isinstance(answer, tuple) for answer in answers[1:])
 
 
+@pytest.mark.parametrize('jump', [-3600, 3600])
+@pytest.mark.parametrize('order', list(itertools.permutations(SLOTS)))
+def test_the_round_in_which_another_time_is_believed_goes_on_with_who_is_behind(jump, order):
+    controller = new_controller()
+    for k in range(5):
+        true_round(controller, k)
+    *early, last = order
+    base = EPOCH + jump * 10**9
+    for slot in early:
+        assert isinstance(outcome(controller, slot, base, X), str)
+    assert outcome(controller, last, base + PERIOD, X) is None, 'all speak of another time'
+    assert controller.stamp == base + PERIOD
+    assert outcome(controller, early[0], base + PERIOD, X) is None
+    assert isinstance(outcome(controller, early[1], base + PERIOD, X), tuple)
+
+
 @pytest.mark.parametrize('jump', [-3600.0, 3600.0])
 def test_who_sees_one_neighbour_believes_another_time_after_silence(jump):
     controller = Controller(AXIS, [1.0], Cosine())

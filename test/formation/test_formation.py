@@ -182,6 +182,26 @@ def test_an_analysis_tells_the_spin_of_the_late_sampled_loop(delay):
     assert off == pytest.approx(analysis.offset, rel=1e-5)
 
 
+def test_two_motions_side_by_side_are_those_of_each():
+    starts = rotation.random(np.random.default_rng(3), (2, 3, 4))
+    axes = sphere.random(np.random.default_rng(4), (4,))
+    times = np.array([0.0, 0.3, 1.1])
+    given = axes, rotating().weights, Exponential(), times
+    together = flow.attitudes(starts, *given)
+    for index in np.ndindex(2, 3):
+        assert_close(together[(slice(None), *index)], flow.attitudes(starts[index], *given),
+                     atol=1e-8)
+
+
+def test_what_is_not_known_of_a_motion_is_told():
+    one = Formation(complete(), Cosine()).simulate(duration=1e-9)
+    with pytest.raises(ValueError, match='one sample does not tell'):
+        one.spin()
+    run = Formation(custom(3, [(1, 2), (2, 3)]), Cosine()).simulate(duration=0.1)
+    with pytest.raises(ValueError, match='so no spin is predicted'):
+        run.predicted_spin()
+
+
 def test_a_motion_without_bound_is_told_and_not_followed():
     with pytest.raises(FloatingPointError, match='not finite'):
         flow.reduced_attitudes(np.full((2, 3), np.nan), complete(2).weights, Cosine(), [0.0, 1.0])

@@ -102,6 +102,21 @@ def test_the_bound_on_acceleration_is_that_of_the_formula():
         0.25 * 12.0 * fastest, rel=1e-6)
 
 
+class Steep(gain.Gain):
+
+    def f(self, theta, xp=np):
+        return self.a / (1.0 + xp.exp(8.0 * (theta - 2.0)))
+
+
+def test_a_gain_that_falls_steeply_makes_the_law_change_as_fast():
+    theta = np.linspace(0.0, np.pi, 100001)
+    product = Steep().f(theta) * np.sin(theta)
+    steepest = np.max(np.abs(np.diff(product))) / theta[1]
+    assert steepest > 1.5
+    assert rate_loop.acceleration_bound(COMPLETE, Steep()) == pytest.approx(
+        3 * steepest * 2.0 * 3.0 * np.max(product), rel=1e-4)
+
+
 def test_a_fast_rate_loop_leaves_the_law_as_it_is():
     fast = rate_loop.rate_loop_equilibrium(TETRAHEDRON, ROTATING, COSINE, 1e4)
     alone = stability.transverse(TETRAHEDRON, ROTATING, COSINE)

@@ -223,6 +223,13 @@ def test_a_gain_that_is_a_bad_choice_for_a_shape_is_warned_of(graph, gain, what)
         assert re.search(what, said)
 
 
+def test_beyond_sixty_agents_nobody_computes_eigenvalues_to_warn():
+    for n, warned in ((60, True), (61, False)):
+        points = sphere.random(np.random.default_rng(0), (n,))
+        graph = targets.given(topologies.complete(n), points)
+        assert (shapes.reservation(graph, Exponential()) is not None) is warned
+
+
 @pytest.mark.parametrize('seed', range(4))
 def test_chirality_tells_the_shape_from_its_mirror_image_where_they_differ(seed):
     q = rotation.random(np.random.default_rng(seed), (1,))

@@ -84,6 +84,7 @@ def error_over_all(gamma, points, weights):
         polyhedra.SOLIDS['octahedron'], [1.0, 6.0], np.array([0.6, 0.0, 0.8]), 0.3)),
     (rings.points(6), rings.weights(6)),
     (rings.points(5), uniform(5)),
+    (sphere.random(np.random.default_rng(1), (5,)), uniform(5)),  # all angles differ, by little
     (shapes.TETRAHEDRON.points, uniform(4))])
 @settings(max_examples=15)
 @given(st.data())

@@ -54,6 +54,7 @@ def test_an_axis_has_a_name_and_an_agent_only_where_one_lies_on_it():
      '2 weights are not valid, the cube has 3 classes of distance'),
     ({'name': 'cube', 'class_weights': [0.0, 0.0, 0.0]}, 'at least one class must have a weight'),
     ({'name': 'cube', 'spin': 1.0 + 1e-9}, 'spin must be from -1 to 1'),
+    ({'name': 'cube', 'spin': -1.0 - 1e-9}, 'spin must be from -1 to 1'),
     ({'name': 'cube', 'spin': float('nan')}, 'spin must be from -1 to 1'),
     ({'name': 'cube', 'axis': np.zeros(3)}, 'finite and not zero')])
 def test_a_solid_that_cannot_be_is_refused(arguments, what):

@@ -40,6 +40,36 @@ def feed(track, times, angle=lambda t: t):
         track.receive(round(t * 1e9), about_z(angle(t)), t)
 
 
+@pytest.mark.parametrize(('attitude', 'reason'), [
+    ((0.0, 0.0, 0.0), Rejected.MALFORMED), ((0.0, 0.0, 0.0, 1.0, 0.0), Rejected.MALFORMED),
+    (None, Rejected.MALFORMED), ((0.0, 0.0, 'x', 1.0), Rejected.MALFORMED),
+    ((0.0, 0.0, math.nan, 1.0), Rejected.NOT_FINITE),
+    ((0.0, 0.0, math.inf, 1.0), Rejected.NOT_FINITE)])
+def test_what_is_no_quaternion_is_no_attitude(attitude, reason):
+    with pytest.raises(Rejected, match=reason):
+        tracking.unit_quaternion(attitude)
+
+
+@pytest.mark.parametrize('off', [-0.9e-3, 0.0, 0.9e-3])
+def test_an_attitude_may_be_a_thousandth_off_unit_length(off):
+    q = [0.1, -0.5, 0.5, 0.7]
+    length = math.hypot(*q) / (1.0 + off)
+    unit = tracking.unit_quaternion([x / length for x in q])
+    assert math.hypot(*unit) == pytest.approx(1.0, abs=1e-15)
+    assert unit == pytest.approx([x / math.hypot(*q) for x in q], abs=1e-15)
+    for worse in (-1.1e-3, 1.1e-3):
+        with pytest.raises(Rejected, match='unit quaternion'):
+            tracking.unit_quaternion([x / math.hypot(*q) * (1.0 + worse) for x in q])
+
+
+def test_who_was_never_heard_is_lost_from_the_start_and_may_begin_at_any_time():
+    track = tracker()
+    track.receive(5, about_z(0.1), -1e9)
+    assert track.state(-1e9) == tracking.TRACKED
+    track.receive(4, about_z(3.0), -1e9 + 0.3)
+    assert track.state(-1e9 + 0.3) == tracking.TRACKED, 'lost, so that an older clock is welcome'
+
+
 def test_nothing_is_known_before_the_first_pose():
     assert tracker().state(0.0) == tracking.WAITING
 

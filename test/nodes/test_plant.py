@@ -132,6 +132,26 @@ def test_its_services_do_what_they_say(probe):
             diagnostics.ERROR, 'held still, more than one publisher: agent_2')
 
 
+def test_a_command_that_is_none_is_counted_and_what_else_is_raised_survived(probe, monkeypatch):
+    with Bench(probe, Plant, initial_attitudes=4 * REST) as bench:
+        node, taken = bench.node, []
+        encode = cdr.twist_stamped('agent_2').encode
+        monkeypatch.setattr(node.stepper, 'command', lambda *given: taken.append(given))
+        receive = node._receiver(2)
+        receive(encode(5, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3))
+        assert taken == [(1, 5, (0.1, 0.2, 0.3))]
+        receive(encode(6, 0.0, 0.0, 0.0, float('nan'), 0.0, 0.0))
+        receive(b'')
+        assert sum(node.health.rejected.values()) == 2
+        assert all('agent_2' in reason for reason in node.health.rejected)
+        node._on_stop(SetBool.Request(data=True), SetBool.Response())
+        receive(encode(7, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3))
+        assert taken[1:] == [(1, 7, (0.0, 0.0, 0.0))], 'the emergency stop'
+        monkeypatch.setattr(node.stepper, 'command', lambda *given: 1 / 0)
+        node._receiver(2)(encode(8, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3))
+        assert node.health.exceptions == 1
+
+
 def test_a_real_time_factor_next_to_nothing_stands_still_and_raises_nothing(probe):
     with Bench(probe, Plant) as bench:
         result, = bench.node.set_parameters([Parameter('real_time_factor', value=1e-70)])
