@@ -52,7 +52,6 @@ from tetra_ros2.ros.executor import (
     look_around,
     look_for_signals,
     make_executor,
-    SPIN_PERIOD,
     spin_some,
 )
 from tetra_ros2.ros.executor import ros_arguments as arguments_of
@@ -73,6 +72,9 @@ AWAITED_PERIOD = 5.0
 
 FAREWELL_TIMEOUT = 2.0
 """How long nodes that were here before may take to be gone [s]."""
+
+LOOK_PERIOD = 0.25
+"""How often to look whether time stands still or the clock was set [s]."""
 
 STALL_TIMEOUT = 60.0
 """How long formation time may stand still [s], where nobody gave another limit."""
@@ -331,24 +333,41 @@ class Launcher:
         stamp = self.monitor.observer.stamp or 0
         period = period_of(self.plant.rate) if self.plant is not None else 0
         begin = self._target if 0 <= stamp - self._target < period else stamp
-        self._target = begin + round(seconds * 1e9)
-        self._run_to(self._target, interrupt, stall_timeout)
+        self._target = self._run_to(begin + round(seconds * 1e9), interrupt, stall_timeout)
         return interrupt is None or not interrupt.done()
 
-    def _run_to(self, stamp: int, interrupt: Future | None, stall_timeout: float) -> None:
-        """Spin until the first sample at or after a stamp [ns]."""
-        reached = Future(executor=self.executor)
-        self.monitor.notify(stamp, reached)
-        if interrupt is not None:
-            interrupt.add_done_callback(lambda _: reached.done() or reached.set_result(None))
-        if self.plant is not None:
-            self.plant.stepper.run_until(stamp)
-        self._spin(reached, stall_timeout)
+    def _run_to(self, stamp: int, interrupt: Future | None, stall_timeout: float) -> int:
+        """
+        Spin until the first sample at or after a stamp [ns].
+
+        :returns: that stamp on the clock as it is then: it may have been set meanwhile
+        """
+        shift = self._clock_shift
+        while True:
+            reached = Future(executor=self.executor)
+            self.monitor.notify(stamp, reached)
+            if interrupt is not None:
+                interrupt.add_done_callback(
+                    lambda _, reached=reached: reached.done() or reached.set_result(None))
+            if self.plant is not None:
+                self.plant.stepper.run_until(stamp)
+            self._spin(reached, stall_timeout)
+            moved = self._clock_shift - shift
+            if not moved or (interrupt is not None and interrupt.done()):
+                return stamp
+            stamp, shift = stamp + moved, shift + moved
+
+    @property
+    def _clock_shift(self) -> int:
+        """How far the clock of the plant's stamps was set since the start, in sum [ns]."""
+        return 0 if self.plant is None else self.plant.stepper.clock_shift
 
     def _spin(self, future: Future, stall_timeout: float) -> None:
+        """Spin until a future is done, or the plant's clock is set."""
+        shift = self._clock_shift
         seen, since = None, time.monotonic()
-        while not future.done():
-            spin_some(self.executor, future, min(stall_timeout, SPIN_PERIOD))
+        while not future.done() and self._clock_shift == shift:
+            spin_some(self.executor, future, min(stall_timeout, LOOK_PERIOD))
             count = self.monitor.observer.count
             if count != seen:
                 seen, since = count, time.monotonic()

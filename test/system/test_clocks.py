@@ -83,6 +83,23 @@ def test_a_clock_that_is_set_costs_less_than_the_timeout_and_a_second(formation,
         del node.get_clock
 
 
+@pytest.mark.parametrize('jump', [-30.0, 30.0])
+def test_a_run_lasts_as_long_as_was_asked_for_though_the_clock_is_set(formation, jump):
+    formation.run_for(0.2)
+    begun = time.monotonic()
+
+    def set_once():
+        timer.cancel()
+        set_clock(formation.plant, jump)
+
+    timer = formation.plant.create_steady_timer(0.5, set_once)
+    formation.run_for(1.5)
+    lasted = time.monotonic() - begun
+    formation.plant.destroy_timer(timer)
+    del formation.plant.get_clock
+    assert 1.4 < lasted < 10.0
+
+
 @pytest.mark.skipif(not FAKETIME.exists(), reason='there is no libfaketime')
 def test_the_plant_goes_on_stepping_when_the_clock_of_its_host_is_set(
         processes, probe, monkeypatch, tmp_path):

@@ -134,10 +134,14 @@ class RealTime(Stepper):
         here = self._now(now)
         before, self.stamp = self.stamp, now
         elapsed, self._stepped_at = here - self._stepped_at, here
-        if not before or elapsed <= 0:  # the first time, or /clock was set back
+        if not before:
+            self._forget_commands()
+        elif elapsed <= 0:  # /clock was set back
+            self.clock_shift += elapsed
             self._forget_commands()
         elif abs(now - before - elapsed) > CLOCK_TOLERANCE:  # the stamps so far say nothing now
             self.clock_jumps += 1
+            self.clock_shift += now - before - elapsed
             self._jumped_at = time.monotonic()
             self._forget_commands()
         elif not self.paused:

@@ -90,6 +90,7 @@ class Stepper(ABC):
     :ivar stamp: time of the newest measurements [ns], 0 before the first
     :ivar steps: how many steps were taken
     :ivar paused: whether the bodies rest
+    :ivar clock_shift: how far the clock of the stamps was set since the start, in sum [ns]
     """
 
     reads_commands: bool
@@ -105,6 +106,7 @@ class Stepper(ABC):
         self.stamp = 0
         self.steps = 0
         self.paused = False
+        self.clock_shift = 0
 
     @abstractmethod
     def configure(self, values: Mapping[str, Any]) -> None:
