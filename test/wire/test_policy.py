@@ -14,6 +14,7 @@
 
 """The policy of a formation is well formed, and allows exactly what its nodes do."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -84,14 +85,60 @@ def test_the_nodes_do_what_the_policy_allows_and_nothing_else(tmp_path, namespac
                          mass=body != 'kinematic')
         assert {node.get_name() for node in formation.nodes} == set(allowed)
         for node in formation.nodes:
-            opened = {kind: {name for name, _ in getattr(
-                node, f'get_{kind}_names_and_types_by_node')(
-                    node.get_name(), node.get_namespace())}
-                for kind in ('publisher', 'subscriber', 'service', 'client')}
             right = allowed[node.get_name()]
-            assert opened['publisher'] == right.publish
-            assert opened['service'] == right.reply
-            assert opened['client'] <= right.request, 'it asks when a person does'
             if node.get_name() == 'viewer':  # the monitor, in the same process, hands it the state
                 right.subscribe.discard(node.resolve_topic_name('formation/attitudes'))
-            assert opened['subscriber'] == right.subscribe
+            agree(node, right)
+
+
+def agree(node, right):
+    """Fail if a node has opened anything else than it may."""
+    opened = {kind: {name for name, _ in getattr(
+        node, f'get_{kind}_names_and_types_by_node')(node.get_name(), node.get_namespace())}
+        for kind in ('publisher', 'subscriber', 'service', 'client')}
+    assert opened['publisher'] == right.publish
+    assert opened['subscriber'] == right.subscribe
+    assert opened['service'] == right.reply
+    assert opened['client'] <= right.request, 'it asks when a person does'
+
+
+class Still:
+    """A driver that does nothing."""
+
+    def apply(self, rate, dt):
+        pass
+
+
+def test_nodes_of_real_bodies_do_what_the_policy_allows_and_nothing_else(tmp_path, probe):
+    body = pytest.importorskip('tetra_ros2.nodes.body')
+    sensors = pytest.importorskip('tetra_ros2.nodes.sensors')
+    bench = pytest.importorskip('node_bench')
+    file, output = tmp_path / 'real.yaml', tmp_path / 'policy.xml'
+    file.write_text(
+        '/body_2:\n  ros__parameters:\n    driver: test_policy:Still\n'
+        '/**/sensors:\n  ros__parameters:\n    poses.topic: /vrpn_mocap/{name}/pose\n')
+    assert main(['policy', '--config', str(file), '--sensors', '--output', str(output)]) == 0
+    policy = etree.parse(str(output))
+    GRAMMAR.assertValid(policy)
+    assert {profile.get('node') for profile in policy.iter('profile')} == {
+        'sensors', 'body_2', 'monitor', 'recorder', 'viewer', *map('agent_{}'.format, range(1, 5))}
+    topics = [f'/vrpn_mocap/agent_{i}/pose' for i in range(1, 5)]
+    assert set(policy.xpath('//profile[@node="sensors"]/topics[@subscribe]/topic/text()')) == {
+        *topics, *(f'/agent_{i}/cmd_vel' for i in range(1, 5))}
+    allowed = rights(topologies.complete(), poses=topics, drivers=[2], sensors=True)
+    for make, parameters in ((sensors.Sensors, {'poses__topic': '/vrpn_mocap/{name}/pose'}),
+                             (partial(body.Body, 2), {'driver': 'test_policy:Still'})):
+        with bench.Bench(probe, make, **parameters) as running:
+            agree(running.node, allowed[running.node.get_name()])
+
+
+def test_a_plant_may_hear_the_poses_of_the_bodies_that_are_elsewhere(tmp_path, capsys):
+    file = tmp_path / 'formation.yaml'
+    for source, expected in (('pose', {'/agent_3/pose'}), ('array', {'/poses'}), ('tf', {'/tf'})):
+        file.write_text('/**:\n  ros__parameters:\n    mode: realtime\n    external_bodies: [3]\n'
+                        f'    poses.source: {source}\n'
+                        + ('    poses.topic: poses\n' if source == 'array' else ''))
+        assert main(['policy', '--config', str(file)]) == 0
+        heard = etree.fromstring(capsys.readouterr().out.encode()).xpath(
+            '//profile[@node="plant"]/topics[@subscribe]/topic/text()')
+        assert {topic for topic in heard if 'cmd_vel' not in topic} == expected

@@ -15,12 +15,16 @@
 """``tetra policy``: the SROS2 policy of a formation."""
 
 import argparse
+from collections.abc import Collection, Mapping
 from pathlib import Path
 import sys
+from typing import Any
 
 from tetra_ros2.commands import _arguments
 from tetra_ros2.config import configuration
+from tetra_ros2.config.bodies import pose_topics
 from tetra_ros2.config.parameters import ConfigurationError
+from tetra_ros2.wire import names
 from tetra_ros2.wire.policy import document, rights
 
 
@@ -29,6 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.add_config(parser, default='complete')
     parser.add_argument(
         '--output', metavar='FILE', help='file to write (default: to the standard output)')
+    parser.add_argument(
+        '--sensors', action='store_true',
+        help='all bodies are real: the node sensors has the place of the plant')
     _arguments.add_namespace(parser)
 
 
@@ -46,8 +53,15 @@ def run(arguments: argparse.Namespace) -> int:
     file = configuration.load(arguments.config)
     plant = file.values('plant')
     lockstep, mass = plant['mode'] == 'lockstep', plant['body'] != 'kinematic'
-    nodes = rights(file.formation().topology, namespace, lockstep=lockstep, mass=mass,
-                   tf=file.values('monitor')['publish_tf'])
+    topology = file.formation().topology
+    agents = range(1, topology.n + 1)
+    external = [*agents] if arguments.sensors else plant['external_bodies']
+    heard = file.values(names.SENSORS) if arguments.sensors else plant
+    nodes = rights(
+        topology, namespace, lockstep=lockstep, mass=mass, sensors=arguments.sensors,
+        tf=file.values('monitor')['publish_tf'], poses=_poses(heard, topology.n, external),
+        drivers=[i for i in agents
+                 if file.values('body', f'{namespace}/{names.body(i)}')['driver']])
     text = document(nodes, namespace)
     if arguments.output is None:
         sys.stdout.write(text)
@@ -58,3 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'cannot be written: {error.strerror}', source=arguments.output) from None
     return 0
+
+
+def _poses(values: Mapping[str, Any], n: int, bodies: Collection[int]) -> set[str]:
+    """Return the topics on which the poses of some bodies are heard."""
+    if not bodies:
+        return set()
+    if values['poses.source'] == 'pose':
+        topics = pose_topics(values, n)
+        return {topics[i] for i in bodies}
+    return {names.TF if values['poses.source'] == 'tf' else values['poses.topic']}

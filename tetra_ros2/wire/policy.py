@@ -20,6 +20,7 @@ own command and hears the measurements of its neighbours, and nothing else. The 
 access control policy, version 0.2.0.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
@@ -52,7 +53,8 @@ class Rights:
 
 
 def rights(topology: Topology, namespace: str = '', *, lockstep: bool = True,
-           mass: bool = False, tf: bool = False) -> dict[str, Rights]:
+           mass: bool = False, tf: bool = False, poses: Collection[str] = (),
+           drivers: Collection[int] = (), sensors: bool = False) -> dict[str, Rights]:
     """
     Return what each node of a formation may do, by the nodes' names.
 
@@ -61,6 +63,9 @@ def rights(topology: Topology, namespace: str = '', *, lockstep: bool = True,
     :param lockstep: whether the plant publishes ``/clock``
     :param mass: whether its bodies have mass, and so joints and a look
     :param tf: whether the monitor publishes ``/tf``
+    :param poses: topics on which the plant, or the sensors, hear the poses of real bodies
+    :param drivers: agents, from 1, whose bodies have a node that drives them
+    :param sensors: whether all bodies are real, and the node ``sensors`` has the plant's place
     """
     base = namespace.rstrip('/')
 
@@ -78,11 +83,19 @@ def rights(topology: Topology, namespace: str = '', *, lockstep: bool = True,
     nodes = {names.agent(i): Rights(
         publish={commands[i]},
         subscribe={topic for (a, _), topic in measurements.items() if a == i}) for i in agents}
-    nodes[names.PLANT] = Rights(
-        publish={attitudes, *measurements.values(), *joints, *clock, *({bodies} if mass else ())},
-        subscribe=set(commands.values()),
-        reply={full(name) for name in (
-            names.RESET, names.RANDOMIZE, names.PAUSE, names.stop(names.PLANT))})
+    state = {attitudes, *measurements.values()}
+    heard = {*commands.values(), *map(full, poses)}
+    if sensors:
+        nodes[names.SENSORS] = Rights(publish=state, subscribe=heard)
+    else:
+        nodes[names.PLANT] = Rights(
+            publish={*state, *joints, *clock, *({bodies} if mass else ())}, subscribe=heard,
+            reply={full(name) for name in (
+                names.RESET, names.RANDOMIZE, names.PAUSE, names.stop(names.PLANT))})
+    for i in drivers:
+        nodes[names.body(i)] = Rights(
+            publish={full(names.pose(i))}, subscribe={commands[i]},
+            reply={full(names.stop(names.body(i)))})
     nodes[names.MONITOR] = Rights(
         publish={cosines, error, markers, *({names.TF} if tf else ())}, subscribe={attitudes})
     nodes[names.RECORDER] = Rights(subscribe={
