@@ -196,6 +196,23 @@ def test_turning_in_many_short_steps_is_turning_in_one():
     assert np.max(np.abs(whole[1] - rates)) < 1e-13
 
 
+@pytest.mark.parametrize('bandwidth', [0.3, 1.0])
+def test_a_step_half_as_long_is_two_to_the_fifth_as_exact(bandwidth):
+    rng = np.random.default_rng(3)
+    attitudes, rates = rotation.random(rng, (5,)), 3.0 * rng.standard_normal((5, 2))
+    commands = 3.0 * rng.standard_normal((5, 2))
+    errors = []
+    for h in (0.2, 0.1):
+        assert 4.0 * h * bandwidth <= 1.0, 'one step'
+        one = rate_loop.turn(attitudes, rates, commands, bandwidth, h)[0]
+        exact = attitudes, rates
+        for _ in range(64):
+            exact = rate_loop.turn(*exact, commands, bandwidth, h / 64)
+        errors.append(np.max(np.abs(one - exact[0])))
+    assert 2.0**4.5 < errors[0] / errors[1] < 2.0**5.5
+    assert errors[1] < 1e-5
+
+
 def test_the_commands_are_those_of_the_law():
     rng = np.random.default_rng(2)
     attitudes = rotation.random(rng, (4,))

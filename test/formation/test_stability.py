@@ -131,6 +131,17 @@ def test_the_cross_has_one_way_out():
     assert_same_spectrum(there.eigenvalues, 1.5 * np.array([2.0, -2.0, -2.0, -2.0, -4.0]))
 
 
+@pytest.mark.parametrize('scale', [1e-12, 1e-3, 1.0, 1e6])
+@pytest.mark.parametrize('rank', [0, 1, 3])
+def test_the_complement_is_all_that_is_across_whatever_the_unit(scale, rank):
+    rng = np.random.default_rng(rank)
+    vectors = scale * rng.standard_normal((7, rank)) @ rng.standard_normal((rank, 4))
+    across = stability.complement(vectors)
+    assert across.shape == (7, 7 - rank)
+    assert np.allclose(across.T @ across, np.eye(7 - rank), atol=1e-14)
+    assert np.max(np.abs(across.T @ vectors)) <= 1e-13 * scale
+
+
 def test_linearization_does_not_depend_on_how_the_formation_lies():
     turn = rotation.random(np.random.default_rng(2), (1,))
     turned = rotation.rotate(turn, TETRAHEDRON)

@@ -69,6 +69,8 @@ def test_joints_and_what_is_at_a_limit_are_told(probe):
     probe.listen(JointState, 'agent_2/joint_states')
     given = {'plant:wheels.torque_limit': 0.005}
     with Launcher('complete', seed=1, body='wheels', parameters=given) as run:
+        told = [run.plant.count_publishers(f'agent_{i}/joint_states') for i in range(1, 5)]
+        assert told == [1, 1, 1, 1]
         received = probe.received['agent_2/joint_states']
         while not received:  # DDS has to find the probe
             run.run_for(0.02)

@@ -313,6 +313,25 @@ def test_in_lockstep_it_is_looked_more_often_only_where_something_was_lost(clock
     assert len(plant.timers) == watchdog
 
 
+def test_in_lockstep_where_much_is_lost_it_learns_from_the_last_answer_before_a_repetition(
+        clocks, monkeypatch):
+    plant, stepper = begin(Lockstep, clocks)
+    hiccup(clocks, plant, stepper, 1.0)
+    plant.tick()
+    answer(stepper)
+    learnt = []
+    monkeypatch.setattr(stepper._round_trip, 'take', learnt.append)
+    clocks.advance(700_000)
+    stepper.command(0, stepper.stamp, TURN)  # agent 2 is silent
+    clocks.advance(50_000_000)
+    stepper._look()
+    assert learnt == [pytest.approx(0.0007)]
+    assert plant.repeated[-1] == 0b10
+    clocks.advance(50_000_000)
+    stepper._look()
+    assert len(learnt) == 1, 'once is enough'
+
+
 def test_in_lockstep_who_has_not_answered_is_sent_the_measurements_again_and_nobody_else(clocks):
     plant, stepper = begin(Lockstep, clocks)
     for _ in range(50):
