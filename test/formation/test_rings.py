@@ -40,6 +40,7 @@ def test_neighbours_lie_as_far_apart_as_they_can(n):
     points = rings.points(n)
     assert_close(sphere.geodesic_distance(points, np.roll(points, -1, axis=0)),
                  rings.neighbor_angle(n), atol=1e-12)
+    assert points[0].tolist() == [1.0, 0.0, 0.0], 'the first agent is at the end of the x axis'
     assert (rings.neighbor_angle(n) == math.pi) == (n % 2 == 0)
     if n % 2 == 0:
         assert len(np.unique(points, axis=0)) == 2

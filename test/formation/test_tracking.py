@@ -70,6 +70,22 @@ def test_who_was_never_heard_is_lost_from_the_start_and_may_begin_at_any_time():
     assert track.state(-1e9 + 0.3) == tracking.TRACKED, 'lost, so that an older clock is welcome'
 
 
+@pytest.mark.parametrize('elapsed', [0.01, 0.1])
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_jump_is_what_the_fastest_turn_and_a_little_slack_cannot_explain(elapsed, sign):
+    most = 5.0 * elapsed + tracking.SLACK
+    for angle, fine in ((0.999 * most, True), (1.001 * most, False)):
+        track = tracker()
+        track.receive(10**9, about_z(0.3), 1.0)
+        later = 10**9 + round(elapsed * 1e9), [sign * x for x in about_z(0.3 + angle)], 1.0
+        if fine:
+            track.receive(*later)
+        else:
+            with pytest.raises(Rejected, match=tracking.JUMP):
+                track.receive(*later)
+        assert track.jumps == (not fine)
+
+
 def test_nothing_is_known_before_the_first_pose():
     assert tracker().state(0.0) == tracking.WAITING
 
