@@ -47,6 +47,11 @@ def test_a_direction_may_be_a_thousandth_off_unit_length(off, accepted):
             require_unit(*direction)
 
 
+def test_the_tolerance_itself_is_within_the_tolerance():
+    for length in (1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE):
+        require_unit(0.0, 0.0, length)
+
+
 @pytest.mark.parametrize('direction', [(0.0, 0.0, 0.0), (1e200, 0.0, 0.0), (1e-200, 0.0, 0.0)])
 def test_a_direction_that_is_finite_but_far_from_unit_is_called_that(direction):
     with pytest.raises(Rejected, match=Rejected.NOT_UNIT):

@@ -64,9 +64,9 @@ def test_an_attitude_may_be_a_thousandth_off_unit_length(off):
 
 def test_who_was_never_heard_is_lost_from_the_start_and_may_begin_at_any_time():
     track = tracker()
-    track.receive(5, about_z(0.1), -1e9)
+    track.receive(-5, about_z(0.1), -1e9)
     assert track.state(-1e9) == tracking.TRACKED
-    track.receive(4, about_z(3.0), -1e9 + 0.3)
+    track.receive(-6, about_z(3.0), -1e9 + 0.3)
     assert track.state(-1e9 + 0.3) == tracking.TRACKED, 'lost, so that an older clock is welcome'
 
 

@@ -284,6 +284,13 @@ def test_an_answer_that_comes_too_soon_after_a_repetition_tells_that_it_was_not_
     assert trip.patience == 0.0041, 'as long as this one took, and no longer'
 
 
+def test_before_any_answer_came_nobody_knows_that_one_came_too_soon():
+    trip = RoundTrip()
+    assert trip.was_needed(1.01 * lockstep.QUICKEST, 1.0)
+    assert trip.patience == lockstep.FIRST_PATIENCE
+    assert not trip.was_needed(0.99 * lockstep.QUICKEST, 1.0)
+
+
 def hiccup(clocks, plant, stepper, milliseconds):
     """Let a step be repeated, after many that were not, and answered so long after that."""
     for _ in range(50):
