@@ -122,6 +122,14 @@ def test_each_body_turns_at_its_own_rate():
     assert_close(bodies.reduced, [[0.0, 1.0, 0.0], X, [0.0, 0.0, -1.0]], atol=1e-15)
 
 
+@pytest.mark.parametrize('excess', [-1e-9, -1e-13, 1e-13, 1e-9])
+def test_a_quaternion_that_is_too_long_or_too_short_is_brought_back_at_the_next_step(excess):
+    start = np.array([0.5, -0.5, 0.5, 0.5]) * math.sqrt(1.0 + excess)
+    bodies = RigidBodies([start], [(1.0, 0.0, 0.0)])
+    bodies.step(0.01, [(0.1, 0.2, 0.3)])
+    assert abs(sum(x * x for x in bodies.attitudes[0]) - 1.0) < 2e-15
+
+
 def test_the_quaternion_stays_of_unit_length_over_a_million_steps():
     bodies = RigidBodies([[0.1, 0.5, -0.7, 0.5]], [X])  # 0.01 + 0.25 + 0.49 + 0.25 = 1
     rates = [[(math.sin(3.0 * k), math.cos(5.0 * k), math.sin(7.0 * k + 1.0))] for k in range(9)]

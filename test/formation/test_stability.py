@@ -142,6 +142,28 @@ def test_the_complement_is_all_that_is_across_whatever_the_unit(scale, rank):
     assert np.max(np.abs(across.T @ vectors)) <= 1e-13 * scale
 
 
+S = np.sqrt(0.75)
+
+
+@pytest.mark.parametrize(('gamma', 'kind'), [
+    ([[1, 0, 0]] * 4, 'consensus'), ([[1, 0, 0]] * 3 + [[-1, 0, 0]], '3 against 1'),
+    ([[-1, 0, 0]] * 3 + [[1, 0, 0]] * 4, '4 against 3'),
+    ([[1, 0, 0], [1, 0, 0], [-0.5, S, 0], [-0.5, -S, 0]], 'triangle with a pair'),
+    ([[1, 0, 0], [-0.5, S, 0], [-0.5, -S, 0]], 'other coplanar'),
+    ([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], 'cross'),
+    ([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0.6, -0.8, 0]], 'other coplanar'),
+    ([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, 0, 1]], 'other spatial'),
+    (shapes.OCTAHEDRON.points, 'octahedron'), (TETRAHEDRON, 'tetrahedron'),
+    (-TETRAHEDRON[[2, 0, 1, 3]], 'tetrahedron')], ids=str)
+def test_a_formation_is_called_what_it_looks_like(gamma, kind):
+    turn = rotation.random(np.random.default_rng(2), (1,))
+    for off, called in ((0.0, kind), (1e-7, kind), (3e-2, 'other spatial')):
+        noise = off * np.random.default_rng(3).standard_normal((len(gamma), 3))
+        near = sphere.normalize(rotation.rotate(turn, np.array(gamma, float)) + noise)
+        if len(gamma) > 3 or off < 1e-2:  # three agents are always close to a great circle
+            assert equilibria.classify(near) == called
+
+
 def test_linearization_does_not_depend_on_how_the_formation_lies():
     turn = rotation.random(np.random.default_rng(2), (1,))
     turned = rotation.rotate(turn, TETRAHEDRON)

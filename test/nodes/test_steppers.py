@@ -203,9 +203,11 @@ def test_in_lockstep_who_answers_the_step_at_hand_is_back_at_once(clocks):
     assert stepper.stamp == answered + PERIOD, 'it is waited for again'
 
 
-def test_in_lockstep_who_has_never_answered_is_waited_for(clocks):
+@pytest.mark.parametrize('answering', [(), (0,), (1,)])
+def test_in_lockstep_who_has_never_answered_is_waited_for(clocks, answering):
     plant, stepper = begin(Lockstep, clocks)
-    stepper.command(0, stepper.stamp, TURN)
+    for i in answering:
+        stepper.command(i, stepper.stamp, TURN)
     for _ in range(10):
         clocks.advance(100 * 10**9)
         plant.tick()

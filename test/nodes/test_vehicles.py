@@ -67,6 +67,16 @@ def test_who_is_simulated_moves_and_who_is_elsewhere_is_where_its_pose_says():
     assert bodies.attitudes[3] == before, 'it stays where it was last seen'
 
 
+def test_only_who_is_named_is_elsewhere(probe):
+    with Bench(probe, Plant, mode='realtime', external_bodies=[2, 4]) as bench:
+        assert sorted(bench.node._vehicles.poses.trackers) == [1, 3]
+        assert isinstance(bench.node.bodies, PartlyElsewhere)
+        assert bench.node.bodies.lost == frozenset({1, 3}), 'nothing was heard of them yet'
+    with Bench(probe, Plant, mode='realtime') as bench:
+        assert bench.node._vehicles.poses is None
+        assert isinstance(bench.node.bodies, RigidBodies)
+
+
 def test_a_physics_that_diverged_and_poses_that_are_lost_are_told(probe, monkeypatch):
     pytest.importorskip('mujoco')
     with Bench(probe, Plant, body='wheels') as bench:
