@@ -47,6 +47,14 @@ def test_graph_and_gain_are_read_off_the_commands(graph, gain):
     np.testing.assert_allclose(law.gain.f(theta), gain.f(theta), rtol=1e-4)
 
 
+@pytest.mark.parametrize('gain', [
+    gains.Exponential(1.0, 7.2), gains.Exponential(1.0, 0.083), gains.Rational(1.0, 7.2)], ids=str)
+def test_a_gain_is_read_off_to_the_ends_of_what_is_looked_at(gain):
+    law = identify.identify(*seen(GRAPHS['complete'], gain))
+    assert type(law.gain) is type(gain)
+    assert law.gain.b == pytest.approx(gain.b, rel=1e-3)
+
+
 def test_commands_that_follow_no_known_gain_are_not_explained():
     gamma, rates, edges = seen(GRAPHS['complete'], gains.Cosine(), noise=0.1)
     assert identify.identify(gamma, rates, edges) is None

@@ -278,6 +278,21 @@ def test_settling_goes_on_from_a_saddle_to_what_attracts(saddle):
     assert equilibria.classify(end) == 'tetrahedron'
 
 
+@pytest.mark.parametrize('a', [1e-12, 1e-4, 1.0, 1e8])
+@pytest.mark.parametrize(('weights', 'spins'), [(COMPLETE, False), (ROTATING, True)])
+def test_what_is_said_of_an_equilibrium_does_not_depend_on_the_unit_of_time(a, weights, spins):
+    there = stability.transverse(TETRAHEDRON, weights, Cosine(a))
+    assert there.is_hyperbolic
+    assert there.spins is spins
+    assert there.inertia == (0, 0, 5)
+    assert len(there.decaying) == 5
+    octahedron = stability.transverse(
+        shapes.OCTAHEDRON.points, topology.complete(6).weights, Cosine(a))
+    assert not octahedron.is_hyperbolic, 'it is one of a continuum'
+    assert 0 < len(octahedron.decaying) < 9
+    assert octahedron.inertia[1] == 9 - len(octahedron.decaying)
+
+
 def test_the_mirror_image_has_the_same_angles_and_the_other_chirality():
     gamma = sphere.random(np.random.default_rng(4), (20, 4))
     mirrored = stability.mirrored(gamma)

@@ -99,6 +99,7 @@ def test_a_moving_body_is_tracked_through_jitter_and_drop_outs(jitter, kept):
         if keep or k % 10 == 0:
             track.receive(round(t * 1e9), about_z(2.0 * t), t + late)
     assert track.jumps == 0
+    assert track.received == sum(keep or k % 10 == 0 for k, keep in enumerate(kept))
     assert track.state(t) == tracking.TRACKED
 
 

@@ -23,7 +23,7 @@ from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.nodes import lockstep, realtime
 from tetra_ros2.nodes.lockstep import Lockstep, RoundTrip
 from tetra_ros2.nodes.realtime import RealTime
-from tetra_ros2.nodes.stepper import agents_of
+from tetra_ros2.nodes.stepper import agents_of, Stepper
 from tetra_ros2.ros import diagnostics
 
 PERIOD = 10_000_000
@@ -128,6 +128,15 @@ def answer(stepper, rate=TURN):
     stamp = stepper.stamp
     for i in range(2):
         stepper.command(i, stamp, rate)
+
+
+def test_a_stepper_that_lacks_a_method_is_none():
+    wanted = {'configure', 'start', 'stop', 'pause', 'run_until', 'state_changed', 'command',
+              'assess'}
+    for name in wanted:
+        methods = {other: lambda *_: None for other in wanted - {name}}
+        with pytest.raises(TypeError, match=name):
+            type('Lacking', (Stepper,), methods)(None, ())
 
 
 @pytest.mark.parametrize('steps', [1, 2, 10])
