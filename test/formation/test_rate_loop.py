@@ -140,7 +140,7 @@ def test_the_sampled_loop_with_a_fast_rate_loop_is_that_of_kinematic_bodies(dela
 def test_the_equilibrium_is_one_that_simulation_keeps(bandwidth, h, delay_steps):
     there = rate_loop.rate_loop_equilibrium(
         TETRAHEDRON, ROTATING, COSINE, bandwidth, h=h, delay_steps=delay_steps)
-    assert there.residual < 1e-11
+    assert 0.0 <= there.residual < 1e-11
     step = h or 1e-3
     attitudes, rates = there.attitudes, there.rates
     if delay_steps:
@@ -178,6 +178,14 @@ def test_the_naive_bound_of_the_laws_own_eigenvalues_is_no_prediction():
     # s^2 + k s - k lambda has a root on the axis at k = Im^2 / -Re.
     naive = max(value.imag**2 / -value.real for value in values)
     assert rate_loop.min_bandwidth(TETRAHEDRON, ROTATING, COSINE) < 0.6 * naive
+
+
+@pytest.mark.parametrize('a', [1e-3, 100.0])
+@pytest.mark.parametrize('h', [0.0, 0.1])
+def test_the_limit_is_in_the_unit_of_the_gain(a, h):
+    one, other = (rate_loop.min_bandwidth(TETRAHEDRON, ROTATING, gain.Cosine(unit), h=h / unit,
+                                          accuracy=1e-2) for unit in (1.0, a))
+    assert other == pytest.approx(a * one, rel=0.02)
 
 
 def test_no_bandwidth_helps_where_sampling_alone_is_too_slow():

@@ -51,6 +51,13 @@ def test_the_generators_make_exactly_the_automorphisms(n, data):
     assert group(symmetry.generators(weights), n) == brute
 
 
+@pytest.mark.parametrize('scale', [1e-12, 1.0, 1e12])
+def test_weights_are_the_same_if_they_differ_by_little_of_the_largest(scale):
+    weights = scale * np.array([[0.0, 1.0, 1.0 + 1e-10], [1.0 + 1e-8, 0.0, 0.5], [0.5, 1.0, 0.0]])
+    colors = symmetry.weight_colors(weights)
+    assert colors.tolist() == [[0, 2, 2], [3, 0, 1], [1, 2, 0]]
+
+
 @pytest.mark.parametrize('name, strengths, order', [
     ('tetrahedron', [1.0], 24), ('octahedron', [1.0, 6.0], 48), ('cube', [0.0, 1.0, 4.0], 48),
     ('icosahedron', [0.0, 1.0, 3.0], 120), ('dodecahedron', [0.0, 0.0, 0.6, 1.0, 2.0], 120)])
