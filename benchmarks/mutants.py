@@ -85,6 +85,9 @@ BUDGET, BUDGET_MORE = 10.0, 30.0
 OWN = 0.2
 """By what factor a test of the module's own file seems quicker: it is the likeliest to fail."""
 
+OF_ALL = 'test/formation/test_values.py::'
+"""Tests that look at what modules define, of which they run nothing but the import."""
+
 NEW = 2.0
 """How long a test is thought to take that was not measured [s]."""
 
@@ -197,6 +200,7 @@ class Judges:
         tests = self._of_lines(path, first, last)
         if not tests and self._is_run_at_import(path, first, last):
             tests = self._of_lines(path, 1, 10**6)
+            tests |= {test for test in self._there if test.startswith(OF_ALL)}
         if more:
             tests |= {test for test in self._there if test.startswith(f'{own}::')}
 
