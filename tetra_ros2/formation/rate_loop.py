@@ -197,15 +197,15 @@ def turn(attitudes: Array, rates: Array, commands: ArrayLike, bandwidth: float,
     commands = np.asarray(commands, dtype=float)
     count = max(1, math.ceil(4.0 * h * min(bandwidth, 40.0 / h)))
     dt = h / count
-    half, full = math.exp(-0.5 * bandwidth * dt), math.exp(-bandwidth * dt)
+    full = math.exp(-bandwidth * dt)
     mean = -math.expm1(-bandwidth * dt) / (bandwidth * dt)
     for _ in range(count):
         left = rates - commands
         after = commands + full * left
         average = commands + mean * left
-        # The commutator of w about the pointing axis: the three lie in a plane across it.
-        early, late = commands + 0.5 * (1.0 + half) * left, commands + 0.5 * (half + full) * left
-        twist = (early[..., 0] * late[..., 1] - early[..., 1] * late[..., 0]) * (dt * dt / 4.0)
+        # The commutator of w early and late, which differ along `left`: about the pointing axis.
+        twist = (commands[..., 0] * left[..., 1] - commands[..., 1] * left[..., 0]) * (
+            (full - 1.0) * dt * dt / 8.0)
         angle = np.concatenate([(twist * (2.0 / 3.0))[..., None], dt * average], axis=-1)
         attitudes = rotation.multiply(attitudes, rotation.exp(angle))
         rates = after
