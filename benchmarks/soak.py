@@ -236,7 +236,8 @@ def draw(rows: list[dict[str, float]], path: Path) -> None:
     axes[1, 1].plot(minutes, [row['shared'] for row in rows], color='0.2')
     axes[1, 1].set_ylabel('shared memory of all [MB]')
     axes[1, 1].set_ylim(bottom=0)
-    axes[0, 0].legend(fontsize=7, ncols=2)
+    axes[0, 0].set_ylim(top=1.5 * axes[0, 0].get_ylim()[1])  # for the legend
+    axes[0, 0].legend(fontsize=7, ncols=3, loc='upper center')
     for ax in axes[1]:
         ax.set_xlabel('time [min]')
     figure.savefig(path, dpi=110)
