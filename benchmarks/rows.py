@@ -38,6 +38,8 @@ import tempfile
 from threading import Timer
 import time
 
+from benchmarks.domain import LARGEST, reserve
+
 TOP = Path(__file__).resolve().parents[1]
 WORKER = TOP / 'benchmarks' / 'worker.py'
 
@@ -53,6 +55,9 @@ OTHERS = "others' cores"
 ON_TIME, FRESH, OLDEST = 0.99, 0.99, 10
 """What real time is to hold: shares of steps and of commands, and an age in steps."""
 
+MOST_DOMAINS = 20
+"""How many ROS domains it has in turns; they are taken from the tests meanwhile."""
+
 LADDER = (50, 100, 250, 500, 1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000)
 """The rates [Hz] that are tried, one after the other: up while they hold, else down."""
 
@@ -66,9 +71,6 @@ looks whether shared memory is sound: https://github.com/eProsima/Fast-DDS/issue
 
 PRIORITY = ('chrt', '--fifo', '20')
 """How a process is given priority in real time: README.md tells its users to do the same."""
-
-DOMAINS = 101
-"""The highest ROS domain that is to be had on any Linux."""
 
 
 @dataclass(frozen=True)
@@ -279,6 +281,7 @@ class Bench:
         self.scale = scale
         self._runs = 0
         self._processes = []
+        self._domains = []  # with the lock of each, which this process holds to its end
         self._environment = {
             **os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
             'PYTHONPATH': os.pathsep.join(
@@ -356,9 +359,11 @@ class Bench:
     def _place(self):
         """Return arguments and environment that keep a system to itself, beside all others."""
         self._runs += 1
-        # DDS takes a while to forget a process that has ended: the namespace is new as well.
-        # People, and tests, count the domains from 0: here they are counted down.
-        domain = DOMAINS - self._runs % DOMAINS
+        # DDS takes a while to forget a process that has ended: each run has another domain than
+        # those before, and in the end the first one's again. The namespace is new as well.
+        if len(self._domains) < MOST_DOMAINS:
+            self._domains.append(reserve(range(LARGEST, 0, -1)))
+        domain, _ = self._domains[self._runs % len(self._domains)]
         return (('--namespace', f'bench_{os.getpid()}_{self._runs}'),
                 {**self._environment, 'ROS_DOMAIN_ID': str(domain)})
 

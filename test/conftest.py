@@ -15,6 +15,7 @@
 """What all tests share: reproducible examples, and a ROS domain that nobody else is in."""
 
 import os
+from pathlib import Path
 
 from benchmarks.domain import LARGEST, remove_ports, reserve
 from hypothesis import settings
@@ -43,6 +44,19 @@ def pytest_make_collect_report(collector):
             and (error.name or '').partition('.')[0] in OPTIONAL:
         report.outcome = 'skipped'
         report.longrepr = (str(collector.path), 0, f'Skipped: {error.name} is not installed')
+
+
+LONGEST = (
+    'viewer/test_viewer.py', 'system/test_processes.py', 'benchmarks/test_bench.py',
+    'commands/test_cli.py', 'system/test_hosts.py', 'viewer/test_motion.py',
+    'formation/test_sampling.py', 'recording/test_recorder.py', 'system/test_clocks.py')
+"""The files that take longest, the longest first."""
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the longest files: with several workers, nobody waits for one at the end."""
+    longest = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: longest.get(item.path, len(longest)))
 
 
 # At import, and not in a fixture: modules of the tests may make a ROS context when they load.
