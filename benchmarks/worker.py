@@ -250,6 +250,8 @@ def turn(spinner, plant, n, again=False):
         else:
             raise TimeoutError(f'{TRIES} times in a row it stood still')
         count, elapsed, worked = (b - a for a, b in zip(begun, ended))
+        if not count:  # a short turn on a busy machine
+            return {'rounds': 0, 'rounds/s': 0.0, 'rounds/core s': 0.0, 'us/message': None}
         # The processor's time is that of all threads.
         return {'rounds': count, 'rounds/s': count / elapsed, 'rounds/core s': count / worked,
                 'us/message': 1e6 * worked / (count * messages)}

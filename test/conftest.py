@@ -46,17 +46,28 @@ def pytest_make_collect_report(collector):
         report.longrepr = (str(collector.path), 0, f'Skipped: {error.name} is not installed')
 
 
+BROWSER = ('viewer/test_viewer.py', 'viewer/test_motion.py')
+"""Files that draw in a browser without a graphics card, which takes more than a core."""
+
 LONGEST = (
-    'viewer/test_viewer.py', 'system/test_processes.py', 'benchmarks/test_bench.py',
-    'commands/test_cli.py', 'system/test_hosts.py', 'viewer/test_motion.py',
-    'formation/test_sampling.py', 'recording/test_recorder.py', 'system/test_clocks.py')
+    *BROWSER, 'system/test_processes.py', 'paper/test_verify.py', 'commands/test_cli.py',
+    'system/test_launcher.py', 'system/test_hosts.py', 'benchmarks/test_bench.py')
 """The files that take longest, the longest first."""
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Begin with the longest files: with several workers, nobody waits for one at the end."""
+    """
+    Share out files between workers, if there are several, and begin with the longest.
+
+    Then nobody waits for one at the end. All that want a browser run one after the other.
+    """
     longest = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: longest.get(item.path, len(longest)))
+    browser = {Path(__file__).parent / name for name in BROWSER}
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(
+            'browser' if item.path in browser else item.nodeid.partition('::')[0]))
 
 
 # At import, and not in a fixture: modules of the tests may make a ROS context when they load.

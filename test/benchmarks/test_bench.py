@@ -189,7 +189,9 @@ def test_the_rows_are_listed(capsys):
 
 @pytest.mark.parametrize(('row', 'seconds'), [
     ('ceiling', 0.2), ('objects', 0.2), ('watched', 0.2), ('processes', 0.2), ('drift', 0.002),
-    ('growth', 0.01), ('machine', 0.05), ('help', 0.2)])
+    ('growth', 0.01), ('help', 0.2),
+    # Three processes that each compile what they run.
+    pytest.param('machine', 0.05, marks=pytest.mark.slow)])
 def test_a_row_is_measured_in_processes_of_its_own(row, seconds, tmp_path):
     file = tmp_path / 'bench.json'
     assert bench('--only', row, '--seconds', seconds, '--repeats', 1, '--report-only',

@@ -227,6 +227,7 @@ def test_a_moving_picture_moves(tmp_path, bag):
         assert np.count_nonzero(np.asarray(movie.convert('RGB')).astype(int) - first) > 5000
 
 
+@pytest.mark.slow
 def test_a_million_messages_take_less_than_20_s_and_1_gb(tmp_path):
     bags.write(tmp_path / 'bag', 600, topology.rotating(), repeat=-(-MESSAGES // (600 * 14)))
     script = (

@@ -31,7 +31,7 @@ from tetra_ros2.ros import qos
 from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.wire import names
 
-LOOK = 1.0
+LOOK = 3.0
 """How long to look for who publishes poses, and of which type, before listening [s]."""
 
 REPORT_AGAIN = 0.2
