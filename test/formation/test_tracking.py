@@ -70,6 +70,17 @@ def test_who_was_never_heard_is_lost_from_the_start_and_may_begin_at_any_time():
     assert track.state(-1e9 + 0.3) == tracking.TRACKED, 'lost, so that an older clock is welcome'
 
 
+@pytest.mark.parametrize('rate', [(3.0, 0.0, 0.0), (0.0, -3.0, 0.0), (0.0, 0.0, 3.0),
+                                  (2.0, -1.0, -2.0), (-1.0, 2.0, 2.0)], ids=str)
+def test_a_body_is_frozen_once_it_was_told_to_turn_by_more_than_the_angle(rate):
+    for angle, state in ((0.099, tracking.TRACKED), (0.101, tracking.FROZEN)):
+        track = tracker()
+        for k in range(41):
+            track.receive(10**9 + k * 10 * MS, about_z(0.3), 1.0 + 0.01 * k)
+            track.told(rate, angle / 3.0 / 41.0)
+        assert track.state(1.4) == state
+
+
 @pytest.mark.parametrize('elapsed', [0.01, 0.1])
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_a_jump_is_what_the_fastest_turn_and_a_little_slack_cannot_explain(elapsed, sign):

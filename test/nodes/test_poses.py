@@ -202,6 +202,10 @@ def test_a_body_that_is_lost_is_reported_when_it_is_and_not_again(listener, monk
         listener.topics[2][2](_bytes(stamped(PoseStamped, sec=2 + step)))
         assert (len(made.attitudes()) == 4) == (step <= 20)  # the others are lost after 0.2 s
     assert listener.reports == [pytest.approx(0.21)]
+    _, values = made.assess()
+    assert {name: value for name, value in values.items() if name.startswith('poses of')} == {
+        'poses of agent_1': 1, 'poses of agent_2': 1, 'poses of agent_3': 101,
+        'poses of agent_4': 1}
 
 
 @pytest.mark.parametrize(('teller', 'frozen'), [('body_2', False), ('mocap', True)])
