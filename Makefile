@@ -29,7 +29,7 @@ demo: $(VENV)/.ros  ## form the complete and then the rotating formation
 
 # Three files of tests at a time, as many of them wait; each worker is in a ROS domain of its own.
 # PYTEST_ARGS='-n 0 -s ...' runs them one by one, and shows what they print.
-PARALLEL := -n 3 --dist loadgroup --no-loadscope-reorder
+PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 
 test: $(VENV)/.test browser  ## run all tests
 	$(CLEAN) $(VENV)/bin/ruff check .

@@ -46,28 +46,29 @@ def pytest_make_collect_report(collector):
         report.longrepr = (str(collector.path), 0, f'Skipped: {error.name} is not installed')
 
 
-BROWSER = ('viewer/test_viewer.py', 'viewer/test_motion.py')
-"""Files that draw in a browser without a graphics card, which takes more than a core."""
-
 LONGEST = (
-    *BROWSER, 'system/test_processes.py', 'paper/test_verify.py', 'commands/test_cli.py',
-    'system/test_launcher.py', 'system/test_hosts.py', 'benchmarks/test_bench.py')
+    'viewer/test_viewer.py', 'system/test_processes.py', 'paper/test_verify.py',
+    'commands/test_cli.py', 'system/test_launcher.py', 'system/test_hosts.py',
+    'benchmarks/test_bench.py')
 """The files that take longest, the longest first."""
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """
-    Share out files between workers, if there are several, and begin with the longest.
+    Begin with the longest files, so that of several workers none waits for another at the end.
 
-    Then nobody waits for one at the end. All that want a browser run one after the other.
+    Two browsers that draw on the processor starve each other: the second file that wants one is
+    begun when the first is over. The mathematics, short and many, fills what is left.
     """
-    longest = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: longest.get(item.path, len(longest)))
-    browser = {Path(__file__).parent / name for name in BROWSER}
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group(
-            'browser' if item.path in browser else item.nodeid.partition('::')[0]))
+    top = Path(__file__).parent
+    places = {top / name: k for k, name in enumerate(LONGEST)}
+    places[top / 'viewer' / 'test_motion.py'] = len(LONGEST) + 1
+
+    def place(item):
+        mathematics = top / 'formation' in item.path.parents
+        return places.get(item.path, len(LONGEST) + (2 if mathematics else 0))
+
+    items.sort(key=place)
 
 
 # At import, and not in a fixture: modules of the tests may make a ROS context when they load.
