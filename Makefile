@@ -23,7 +23,7 @@ demo: $(VENV)/.ros  ## form the complete and then the rotating formation
 	@echo; echo '$$ tetra launcher --config rotating'
 	@$(TETRA) launcher --config rotating
 	@echo; echo 'What to do next:'
-	@echo '  . $(VENV)/bin/activate                      # then there is a command tetra'
+	@echo '  . $(VENV)/bin/activate                        # then there is a command tetra'
 	@echo '  tetra launcher --config rotating --view     # and open the address that it prints'
 	@echo '  tetra launcher --config rotating --duration 20 --record bag && tetra plot bag --out figures'
 
@@ -99,9 +99,9 @@ $(VENV)/bin/python:
 	  { rm -rf $(VENV); echo "venv is missing: apt install python3-venv" >&2; exit 2; }
 
 $(VENV)/.ros: setup.py tetra_ros2/installation.py | $(VENV)/bin/python
-	@echo 'Into $(VENV), from PyPI: ROS 2 (rclpy, Fast DDS), the viewer, matplotlib;'
-	@echo 'some 110 MB to download, 450 MB on disk.'
-	$(INSTALL) '.[ros,record,plot,view,completion]'
+	@echo 'Into $(VENV), from PyPI: ROS 2 (rclpy, Fast DDS), the viewer, matplotlib, MuJoCo;'
+	@echo 'some 140 MB to download, 550 MB on disk.'
+	$(INSTALL) '.[ros,record,plot,view,physics,completion]'
 	@touch $@
 
 $(VENV)/.test: setup.py tetra_ros2/installation.py | $(VENV)/bin/python
