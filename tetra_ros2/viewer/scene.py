@@ -23,7 +23,9 @@ from tetra_ros2.drawing import colors, geometry
 from tetra_ros2.viewer.rig import CENTER, Rig
 import viser
 
-BACKGROUND = np.array([255.0, 255.0, 255.0])
+FADED = np.array([170.0, 176.0, 182.0])
+"""What the end of a trail fades to: seen on a light page and on a dark one, loud on neither."""
+
 TRAIL = 60
 """Segments of a trail."""
 
@@ -206,7 +208,7 @@ class Scene:
             return
         tint = np.array([colors.rgb(colors.agent(i)) for i in range(1, n + 1)], dtype=np.uint8)
         age = np.linspace(0.0, 1.0, TRAIL + 1)[:, None, None]
-        fading = BACKGROUND + (tint[None] - BACKGROUND) * (0.1 + 0.9 * age)
+        fading = FADED + (tint[None] - FADED) * age
         self._trail = self._scene.add_line_segments(
             '/formation/trails', np.zeros((TRAIL * n, 2, 3), np.float32),
             _linear(np.stack([fading[:-1], fading[1:]], axis=2).reshape(-1, 2, 3)),

@@ -36,6 +36,8 @@ _STYLE = f"""<style>
   /* The eye opens so wide upwards, whatever is left of it sideways: no higher than wide. */
   {_PICTURE} {{ max-height: 100vw; top: 50%; translate: 0 -50%; }}
 }}
+/* Some lines of the charts are too dark for a dark page. */
+[data-mantine-color-scheme="dark"] .uplot {{ filter: brightness(1.7); }}
 </style>"""
 
 
