@@ -217,8 +217,11 @@ def describe(summary: Summary, launcher: Launcher,
     rejected = sum(node.health.rejected.total() for node in launcher.nodes)
     if rejected:
         rows.append(('rejected', f'{rejected} messages; see diagnostics'))
-    rows.append(('time', f'{summary.duration:.2f} s in {wall_time:.2f} s, '
-                         f'{summary.duration / wall_time:.1f} times real time'))
+    since = ''
+    if launcher.monitor.observer.restarts:
+        since = f'{summary.duration:.2f} s since the last start; '
+    rows.append(('time', f'{since}{launcher.time:.2f} s in {wall_time:.2f} s, '
+                         f'{launcher.time / wall_time:.1f} times real time'))
     if launcher.recorder is not None:
         recorder = launcher.recorder
         messages = f'{sum(recorder.counts.values())} messages'

@@ -24,6 +24,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
+from tetra_ros2 import report
 from tetra_ros2.formation import gain as gains
 from tetra_ros2.formation import measures, rotation, shapes, simulation
 from tetra_ros2.launcher import Launcher
@@ -376,6 +377,9 @@ def test_after_a_new_start_everything_is_said_anew(probe, mode, service):
         assert not summary.formed
         assert summary.measured is None or summary.measured.rate < 30.0, 'the leap is no spin'
         assert formation.time > before, 'formation time itself goes on'
+        took = dict(report.describe(summary, formation, 2.0 * formation.time))['time']
+        assert took.startswith(f'{summary.duration:.2f} s since the last start; ')
+        assert took.endswith('0.5 times real time'), took
         assert formation.run_until(lambda: formation.error < 1e-3, timeout=20.0)
         assert formation.monitor.observer.restarts == 1
 
