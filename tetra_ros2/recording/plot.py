@@ -344,4 +344,4 @@ def _ages(axes: Axes, run: Run, ages: Mapping[int, Array]) -> None:
 
 _FIGURES: dict[str, Callable[[Run], Figure | None]] = {
     'sphere': _sphere, 'components': _components, 'cosines': _cosines, 'error': _error,
-            'rates': _rates, 'timing': _timing, 'bodies': _bodies, 'joints': _joints}
+    'rates': _rates, 'timing': _timing, 'bodies': _bodies, 'joints': _joints}

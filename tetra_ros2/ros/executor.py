@@ -33,13 +33,13 @@ from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.ros import shared_memory
 
+if TYPE_CHECKING:
+    from tetra_ros2.ros.node import FormationNode
+
 try:
     from rclpy.experimental.events_executor import EventsExecutor
 except ImportError:  # an rclpy older than 7.1.3
     from rclpy.executors import SingleThreadedExecutor as EventsExecutor
-
-if TYPE_CHECKING:
-    from tetra_ros2.ros.node import FormationNode
 
 N = TypeVar('N', bound='FormationNode')
 
