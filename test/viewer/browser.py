@@ -60,7 +60,7 @@ def open_page(context, address, received=None):
     :param received: a list to which the sizes of all messages to the page are added [bytes]
     """
     page = context.new_page()
-    page.set_default_timeout(1000.0 * DEADLINE)
+    page.set_default_timeout(2000.0 * DEADLINE)  # drawing on a busy processor takes its time
     page.elsewhere = []
     place = re.escape(re.match(r'(\w+://[^/]*)', address)[1])
     page.on('request', lambda request: page.elsewhere.append(request.url)

@@ -63,7 +63,8 @@ def visit(chromium):
     """Return a function that opens an address in a browser of its own, and waits for the page."""
     contexts = []
 
-    def open_(port, size=(1200, 800), query='', watch=None):
+    # The fewer pixels the better: the processor draws them.
+    def open_(port, size=SIZES['small'], query='', watch=None):
         contexts.append(context := chromium.new_context(
             viewport={'width': size[0], 'height': size[1]}))
         page = open_page(context, f'http://127.0.0.1:{port}/{query}', watch)
@@ -174,8 +175,9 @@ def test_a_measured_decay_is_that_of_the_sampled_loop_and_not_of_an_old_gain(
         formation, visit, probe):
     page = visit(formation)
     page.get_by_text('start anew').wait_for()
+    before = until(page, lambda: (shown := shown_time(page)) > 3.0 and shown, 'time')
     page.get_by_role('button', name='Reset').click()
-    until(page, lambda: shown_time(page) < 2.0, 'a new start')
+    until(page, lambda: shown_time(page) < before, 'a new start')
     decay = until(page, lambda: (now := rows(page).get('decay [1/s]')) and now[-1] not in ('—', '')
                   and shown_time(page) > 9.0 and now, 'a decay', 2 * DEADLINE)
     theory, sampled, measured = map(float, decay)
@@ -229,12 +231,12 @@ def test_buttons_act_on_the_topics_and_a_second_browser_sees_the_same(formation,
         return np.max(np.linalg.norm(np.diff(states, axis=0), axis=-1)) > 0.3
 
     for name in ('Reset', 'New random start'):
-        until(page, lambda: shown_time(page) > 1.0, 'time')
+        before = until(page, lambda: (shown := shown_time(page)) > 3.0 and shown, 'time')
         probe.received['formation/attitudes'].clear()
         probe.wait_for(lambda: len(probe.received['formation/attitudes']) > 5, 'states')
         page.get_by_text(name, exact=True).click()
         probe.wait_for(jumps, f'{name} starts it anew')
-        until(page, lambda: shown_time(page) < 1.0, 'the history begins anew')
+        until(page, lambda b=before: shown_time(page) < b, 'the history begins anew')
         until(page, lambda: charts(page)[0][0][0][0] == 0.0, 'and so does the chart')
 
     page.get_by_text('max', exact=True).click()
