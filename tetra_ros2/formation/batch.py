@@ -105,12 +105,15 @@ def fastest(gain: Gain, n: int, labelled: bool = False) -> Run:
         import numba  # it is optional
     except ImportError:  # which it raises too where numpy is too new for it
         return run
+    errors = numba.core.errors
     try:
         made = compiled(gain)
         # It compiles here; no step is taken.
         made(np.tile([1.0, 0.0, 0.0], (1, n, 1)), np.zeros((n, n)), gain,
              np.zeros(n * (n - 1) // 2), 1e-3, 1.0, 0, 0, labelled)
-    except numba.core.errors.NumbaError:
+    except (errors.NumbaError, NotImplementedError,
+            # Bytecode of a newer Python; older releases of numba do not have it.
+            getattr(errors, 'UnsupportedBytecodeError', NotImplementedError)):
         return run
     return made
 
