@@ -22,6 +22,7 @@ import gc
 import os
 from pathlib import Path
 import signal
+from threading import Thread
 from types import FrameType
 from typing import Any, TYPE_CHECKING, TypeVar
 
@@ -113,10 +114,14 @@ def until_signalled(executor: Executor) -> Iterator[Future]:
     taken to be ending, and signals stay without effect: inside rclpy they would abort it.
     """
     future = Future(executor=executor)
+    completing: list[Thread] = []
 
     def stop(number: int, _frame: FrameType | None) -> None:
-        if not future.done():
-            future.set_result(number)
+        if not completing:
+            # In a thread of its own: to complete a future takes locks that this thread may hold
+            # just now, in the middle of rclpy, and would wait for itself.
+            completing.append(Thread(target=future.set_result, args=(number,)))
+            completing[0].start()
 
     for number in signals.SIGNALS:
         signal.signal(number, stop)
@@ -124,6 +129,8 @@ def until_signalled(executor: Executor) -> Iterator[Future]:
         yield future
     finally:
         signals.ignore()
+        for thread in completing:
+            thread.join()
 
 
 def local_by_default() -> None:

@@ -1,0 +1,53 @@
+# Copyright 2026 The tetra_ros2 authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What ends the spinning of a node."""
+
+import signal
+import time
+
+from harness import DEADLINE
+import pytest
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from tetra_ros2 import signals
+from tetra_ros2.ros.executor import until_signalled
+
+
+@pytest.fixture
+def handlers():
+    """Give the test's process its handlers back."""
+    before = {number: signal.getsignal(number) for number in signals.SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.timeout(30)
+def test_a_signal_in_the_middle_of_rclpy_does_not_wait_for_itself(handlers):
+    context = Context()
+    context.init()
+    executor = SingleThreadedExecutor(context=context)
+    with until_signalled(executor) as signalled:
+        signalled.add_done_callback(lambda _: None)  # as spinning does
+        with executor._tasks_lock:  # as rclpy does while it looks for what is ready
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGTERM)
+        deadline = time.monotonic() + DEADLINE
+        while not signalled.done():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        assert signalled.result() == signal.SIGINT
+    executor.shutdown()
+    context.try_shutdown()
