@@ -342,8 +342,8 @@ class Launcher:
 
         :returns: that stamp on the clock as it is then: it may have been set meanwhile
         """
-        shift = self._clock_shift
         while True:
+            shift = self._clock_shift
             reached = Future(executor=self.executor)
             self.monitor.notify(stamp, reached)
             if interrupt is not None:
@@ -355,7 +355,7 @@ class Launcher:
             moved = self._clock_shift - shift
             if not moved or (interrupt is not None and interrupt.done()):
                 return stamp
-            stamp, shift = stamp + moved, shift + moved
+            stamp += moved
 
     @property
     def _clock_shift(self) -> int:

@@ -100,8 +100,7 @@ def test_servos_stop_by_themselves_when_the_line_falls_silent_and_go_on_when_it_
     deadline = time.monotonic() + 30.0
     while bus.servos[2].position <= stopped + 0.1:  # within CHECK_EVERY commands
         assert time.monotonic() < deadline
-        head.apply((0.0, 1.0, 0.0), 0.01)
-        time.sleep(0.01)
+        drive(head, (0.0, 1.0, 0.0), 0.05)
     head.close()
 
 

@@ -15,14 +15,11 @@
 """``tetra policy``: the SROS2 policy of a formation."""
 
 import argparse
-from collections.abc import Collection, Mapping
 from pathlib import Path
 import sys
-from typing import Any
 
 from tetra_ros2.commands import _arguments
 from tetra_ros2.config import configuration
-from tetra_ros2.config.bodies import pose_topics
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.wire import names
 from tetra_ros2.wire.policy import document, rights
@@ -56,10 +53,11 @@ def run(arguments: argparse.Namespace) -> int:
     topology = file.formation().topology
     agents = range(1, topology.n + 1)
     external = [*agents] if arguments.sensors else plant['external_bodies']
-    heard = file.values(names.SENSORS) if arguments.sensors else plant
+    told = names.pose_topics(
+        file.values(names.SENSORS) if arguments.sensors else plant, topology.n)
     nodes = rights(
         topology, namespace, lockstep=lockstep, mass=mass, sensors=arguments.sensors,
-        tf=file.values('monitor')['publish_tf'], poses=_poses(heard, topology.n, external),
+        tf=file.values('monitor')['publish_tf'], poses={told[i] for i in external},
         drivers=[i for i in agents
                  if file.values('body', f'{namespace}/{names.body(i)}')['driver']])
     text = document(nodes, namespace)
@@ -72,13 +70,3 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'cannot be written: {error.strerror}', source=arguments.output) from None
     return 0
-
-
-def _poses(values: Mapping[str, Any], n: int, bodies: Collection[int]) -> set[str]:
-    """Return the topics on which the poses of some bodies are heard."""
-    if not bodies:
-        return set()
-    if values['poses.source'] == 'pose':
-        topics = pose_topics(values, n)
-        return {topics[i] for i in bodies}
-    return {names.TF if values['poses.source'] == 'tf' else values['poses.topic']}

@@ -151,17 +151,3 @@ def check_poses(values: Mapping[str, Any], n: int) -> None:
             raise ConfigurationError(
                 f'{topic!r} is not valid, expected a topic with {{i}} or {{name}} in it, such '
                 'as /vrpn_mocap/{name}/pose', key='poses.topic')
-
-
-def pose_topics(values: Mapping[str, Any], n: int) -> dict[int, str]:
-    """
-    Return the topics on which poses are told one by one.
-
-    :param values: checked parameters, with those of POSES
-    :param n: the number of agents
-    :returns: by agent, from 1; empty where the poses of all are told together
-    """
-    if values['poses.source'] != 'pose':
-        return {}
-    bodies = values['poses.names'] or [f'agent_{i}' for i in range(1, n + 1)]
-    return {i: values['poses.topic'].format(i=i, name=name) for i, name in enumerate(bodies, 1)}

@@ -106,14 +106,14 @@ def fastest(gain: Gain, n: int, labelled: bool = False) -> Run:
     except ImportError:  # which it raises too where numpy is too new for it
         return run
     errors = numba.core.errors
+    # Of its errors this one stands apart, since numba 0.61.
+    unable = (errors.NumbaError, getattr(errors, 'UnsupportedBytecodeError', errors.NumbaError))
     try:
         made = compiled(gain)
         # It compiles here; no step is taken.
         made(np.tile([1.0, 0.0, 0.0], (1, n, 1)), np.zeros((n, n)), gain,
              np.zeros(n * (n - 1) // 2), 1e-3, 1.0, 0, 0, labelled)
-    except (errors.NumbaError, NotImplementedError,
-            # Bytecode of a newer Python; older releases of numba do not have it.
-            getattr(errors, 'UnsupportedBytecodeError', NotImplementedError)):
+    except unable:
         return run
     return made
 
@@ -124,7 +124,8 @@ def compiled(gain: Gain) -> Run:
 
     :param gain: a :class:`~tetra_ros2.formation.gain.Gain`
     :raises ModuleNotFoundError: if numba is not installed
-    :raises numba.core.errors.NumbaError: when it is called, if numba cannot compile the family
+    :raises numba.core.errors.NumbaError: when it is called, if numba cannot compile the family;
+        ``UnsupportedBytecodeError``, which is none, if it does not know the family's bytecode
     """
     def run_compiled(gamma: ArrayLike, weights: ArrayLike, gain: Gain,
                      target_angles: ArrayLike, tolerance: float, h: float, longest: int,

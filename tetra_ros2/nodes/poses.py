@@ -22,7 +22,6 @@ from typing import Any
 from geometry_msgs.msg import PoseArray, PoseStamped
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.serialization import deserialize_message
-from tetra_ros2.config.bodies import pose_topics
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation._types import Quaternion, Vector
 from tetra_ros2.formation.checks import Rejected
@@ -71,8 +70,8 @@ class Poses:
             topics: dict[str, Callable[[bytes], None]] = {topic: self._on_array}
             kind: type = PoseArray
         else:
-            one_by_one = pose_topics(values, n)
-            self._topics = {i: one_by_one[i + 1] for i in self.trackers}
+            every = names.pose_topics(values, n)
+            self._topics = {i: every[i + 1] for i in self.trackers}
             topics = {name: self._receiver(i) for i, name in self._topics.items()}
             kind = PoseStamped
         self._refuse_other_types(topics, kind)

@@ -14,7 +14,9 @@
 
 """The names of nodes, topics, services and frames; relative, so that a namespace moves all."""
 
+from collections.abc import Mapping
 import re
+from typing import Any
 
 PLANT = 'plant'
 MONITOR = 'monitor'
@@ -71,6 +73,21 @@ def body(i: int) -> str:
 def pose(i: int) -> str:
     """Return the topic on which the driver of a body tells its attitude."""
     return f'agent_{i}/pose'
+
+
+def pose_topics(values: Mapping[str, Any], n: int) -> dict[int, str]:
+    """
+    Return the topic on which the pose of each body is told, by agent, from 1.
+
+    :param values: checked parameters, with those of the poses
+    :param n: the number of agents
+    """
+    everybody = range(1, n + 1)
+    source, topic = values['poses.source'], values['poses.topic']
+    if source != 'pose':  # all on one
+        return dict.fromkeys(everybody, TF if source == 'tf' else topic)
+    bodies = values['poses.names'] or [agent(i) for i in everybody]
+    return {i: topic.format(i=i, name=bodies[i - 1]) for i in everybody}
 
 
 def stop(node: str) -> str:
