@@ -14,6 +14,7 @@
 
 """What ends the spinning of a node."""
 
+from contextlib import suppress
 import signal
 
 import pytest
@@ -32,16 +33,31 @@ def handlers():
         signal.signal(number, handler)
 
 
-@pytest.mark.timeout(30)
-def test_a_signal_in_the_middle_of_rclpy_does_not_wait_for_itself(handlers):
+@pytest.fixture
+def executor():
     context = Context()
     context.init()
-    executor = SingleThreadedExecutor(context=context)
+    made = SingleThreadedExecutor(context=context)
+    yield made
+    made.shutdown()
+    context.try_shutdown()
+
+
+@pytest.mark.timeout(30)
+def test_a_signal_in_the_middle_of_rclpy_does_not_wait_for_itself(handlers, executor):
     with until_signalled(executor) as signalled:
         signalled.add_done_callback(lambda _: None)  # as spinning does
         with executor._tasks_lock:  # as rclpy does while it looks for what is ready
             signal.raise_signal(signal.SIGINT)
             signal.raise_signal(signal.SIGTERM)
     assert signalled.result() == signal.SIGINT
-    executor.shutdown()
-    context.try_shutdown()
+
+
+def test_a_signal_that_came_while_libraries_were_loading_counts_though_one_swallowed_it(
+        handlers, executor, monkeypatch):
+    monkeypatch.setattr(signals, '_interrupted', False)
+    signals.interrupt_once()
+    with suppress(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    with until_signalled(executor) as signalled:
+        assert signalled.done()

@@ -125,6 +125,8 @@ def until_signalled(executor: Executor) -> Iterator[Future]:
 
     for number in signals.SIGNALS:
         signal.signal(number, stop)
+    if signals.interrupted():  # and a library that was loading swallowed what that raised
+        future.set_result(signal.SIGINT)
     try:
         yield future
     finally:
