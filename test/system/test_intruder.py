@@ -65,15 +65,22 @@ def formation(request):
 
 def speak(formation, probe, kind, topic, message, times=1):
     """Let somebody else say something on a topic of a formation that runs."""
+    hearers = [s for node in formation.nodes for s in node.inputs if s.topic_name == f'/{topic}']
+    assert hearers
+    before = [s.get_publisher_count() for s in hearers]
     publisher = probe.node.create_publisher(kind, topic, 10)
     try:
-        probe.wait_for(lambda: formation.run_for(0.01)
-                       and publisher.get_subscription_count() > 0, topic)
+        # Each end learns of the other by itself; a message in between would be lost.
+        probe.wait_for(
+            lambda: formation.run_for(0.01) and publisher.get_subscription_count() >= len(hearers)
+            and all(s.get_publisher_count() > k for s, k in zip(hearers, before)), topic)
         for _ in range(times):
             publisher.publish(message())
             formation.run_for(0.05)
     finally:
         probe.node.destroy_publisher(publisher)
+        probe.wait_for(lambda: formation.run_for(0.01) and before == [
+            s.get_publisher_count() for s in hearers], 'its end')
 
 
 @pytest.mark.parametrize('ahead', [0.02, 0.45, 5.0, 3600.0, 3e8])
