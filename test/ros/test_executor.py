@@ -46,11 +46,12 @@ def executor():
 @pytest.mark.timeout(30)
 def test_a_signal_in_the_middle_of_rclpy_does_not_wait_for_itself(handlers, executor):
     with until_signalled(executor) as signalled:
-        signalled.add_done_callback(lambda _: None)  # as spinning does
+        signalled.future.add_done_callback(lambda _: None)  # as spinning does
         with executor._tasks_lock:  # as rclpy does while it looks for what is ready
             signal.raise_signal(signal.SIGINT)
             signal.raise_signal(signal.SIGTERM)
-    assert signalled.result() == signal.SIGINT
+        signalled.look()
+        assert signalled.future.result() == signal.SIGINT
 
 
 def test_a_signal_that_came_while_libraries_were_loading_counts_though_one_swallowed_it(
@@ -60,4 +61,5 @@ def test_a_signal_that_came_while_libraries_were_loading_counts_though_one_swall
     with suppress(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
     with until_signalled(executor) as signalled:
-        assert signalled.done()
+        signalled.look()
+        assert signalled.future.done()

@@ -22,7 +22,6 @@ import gc
 import os
 from pathlib import Path
 import signal
-from threading import Thread
 from types import FrameType
 from typing import Any, TYPE_CHECKING, TypeVar
 
@@ -89,9 +88,38 @@ def spin_some(executor: Executor, future: Future, timeout: float = SPIN_PERIOD) 
         raise ExternalShutdownException
 
 
-def look_for_signals(node: FormationNode) -> None:
-    """Have a timer of a node run now and then, as Python sees signals only while it runs."""
-    node.create_steady_timer(SIGNAL_PERIOD, lambda: None)
+class Signalled:
+    """
+    A future that the first SIGINT or SIGTERM completes, once :meth:`look` is called in a callback.
+
+    The handler of a signal only takes note. To complete a future takes locks of rclpy, which the
+    thread that was interrupted may hold just then, and it would wait for itself.
+
+    :param executor: in which the future is waited for
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        self.future = Future(executor=executor)
+        self._came: list[int] = []
+
+    def note(self, number: int, _frame: FrameType | None = None) -> None:
+        """Take note of a signal: a handler."""
+        self._came.append(number)
+
+    def look(self) -> None:
+        """Complete it with the first signal that has come, if there is one."""
+        if self._came and not self.future.done():
+            self.future.set_result(self._came[0])
+
+
+def look_for_signals(node: FormationNode, signalled: Signalled | None = None) -> None:
+    """
+    Have a timer of a node run now and then, as Python sees signals only while it runs.
+
+    :param signalled: what a signal completes, if it does not raise anything
+    """
+    look = (lambda: None) if signalled is None else signalled.look
+    node.create_steady_timer(SIGNAL_PERIOD, look)
 
 
 def spare_collections() -> None:
@@ -105,34 +133,25 @@ def spare_collections() -> None:
 
 
 @contextmanager
-def until_signalled(executor: Executor) -> Iterator[Future]:
+def until_signalled(executor: Executor) -> Iterator[Signalled]:
     """
     Give a future that the first SIGINT or SIGTERM completes; those that follow do nothing.
+
+    A node has to look for them, see :func:`look_for_signals`.
 
     rclpy's own handlers shut the context down at once, after which a node can no longer say what
     it has to: a last command of zero, the end of a recording. When this is left, the process is
     taken to be ending, and signals stay without effect: inside rclpy they would abort it.
     """
-    future = Future(executor=executor)
-    completing: list[Thread] = []
-
-    def stop(number: int, _frame: FrameType | None) -> None:
-        if not completing:
-            # In a thread of its own: to complete a future takes locks that this thread may hold
-            # just now, in the middle of rclpy, and would wait for itself.
-            completing.append(Thread(target=future.set_result, args=(number,)))
-            completing[0].start()
-
+    signalled = Signalled(executor)
     for number in signals.SIGNALS:
-        signal.signal(number, stop)
+        signal.signal(number, signalled.note)
     if signals.interrupted():  # and a library that was loading swallowed what that raised
-        future.set_result(signal.SIGINT)
+        signalled.note(signal.SIGINT)
     try:
-        yield future
+        yield signalled
     finally:
         signals.ignore()
-        for thread in completing:
-            thread.join()
 
 
 def local_by_default() -> None:
@@ -216,11 +235,11 @@ def run(make_node: Callable[..., FormationNode], config: str | Path | None = Non
         with until_signalled(executor) as signalled:
             node = _make(make_node, context=context, **for_node)
             executor.add_node(node)
-            look_for_signals(node)
+            look_for_signals(node, signalled)
             spare_collections()
             try:
-                while not signalled.done():
-                    spin_some(executor, signalled)
+                while not signalled.future.done():
+                    spin_some(executor, signalled.future)
             except ExternalShutdownException:
                 pass
             finally:
