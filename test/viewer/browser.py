@@ -112,6 +112,23 @@ def shown_time(page):
     return found and float(found[1])
 
 
+def note_least_time(page):
+    """
+    Have a page note the least time that it shows from now on, as ``leastTime``.
+
+    What a busy page shows for a second or two may be over when somebody asks.
+    """
+    page.evaluate(r"""() => {
+        const look = () => {
+            const shown = /t = ([\d.]+) s/.exec(document.body.innerText);
+            if (shown) window.leastTime = Math.min(window.leastTime, Number(shown[1]));
+        };
+        clearInterval(window.looking);
+        window.leastTime = Infinity;
+        window.looking = setInterval(look, 100);
+    }""")
+
+
 def charts(page):
     """Return the charts of a page: their data, and how often each was built."""
     return page.evaluate(
