@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tetra_ros2.formation import measures, shapes, sphere
+from tetra_ros2.formation import Cosine, Formation, measures, rotating, shapes, sphere
 from tetra_ros2.formation.decay import decay_rate
 
 LIMIT = shapes.TETRAHEDRON.points
@@ -62,6 +62,17 @@ def test_samples_need_not_be_even(seed):
     rng = np.random.default_rng(seed)
     times = 0.02 * (np.arange(400) + rng.uniform(-0.4, 0.4, 400))
     assert decay_rate(motion(times, (3e-4, 1.0)), times, LIMIT) == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_it_is_the_same_whichever_of_the_samples_are_seen(seed):
+    run = Formation(rotating(), Cosine(1.0)).simulate(seed=seed, duration=30.0, rate=100.0)
+    times, gamma, limit = run.times[:1000], run.reduced_attitudes[:1000], run.reduced_attitudes[-1]
+    picked = np.cumsum(np.random.default_rng(seed).choice([3, 3, 3, 4, 6, 12], size=300))
+    picked = picked[picked < 1000]  # as a viewer on a busy machine takes them
+    every = decay_rate(gamma, times, limit)
+    some = decay_rate(gamma[picked], times[picked], limit)
+    assert some == pytest.approx(every, rel=5e-3)
 
 
 def test_what_is_too_far_away_or_lost_in_rounding_is_left_out():

@@ -15,7 +15,7 @@
 """How fast a recorded motion approaches its shape, read off the samples alone."""
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from tetra_ros2.formation import measures
 
 WORST_FIT = 0.05
@@ -66,7 +66,7 @@ def decay_rate(gamma: ArrayLike, step: ArrayLike, limit: ArrayLike, *, largest: 
     period = (times[-1] - times[0]) / (count - 1)
     even = times[0] + period * np.arange(count)
     if np.max(np.abs(times - even)) > 1e-6 * period:
-        deviation = np.stack([np.interp(even, times, column) for column in deviation.T], axis=1)
+        deviation = _interpolate(even, times, deviation)
     lag = max(1, count // 40)
     before, after = deviation[:-lag], deviation[lag:]
     scale = 1.0 / np.linalg.norm(before, axis=1, keepdims=True)
@@ -81,3 +81,27 @@ def decay_rate(gamma: ArrayLike, step: ArrayLike, limit: ArrayLike, *, largest: 
     if slowest >= 1.0 or np.mean(unexplained) > WORST_FIT * np.mean(np.linalg.norm(seen, axis=1)):
         return float('nan')
     return float(-np.log(slowest) / (lag * period))
+
+
+def _interpolate(at: NDArray[np.float64], times: NDArray[np.float64],
+                 values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Return values between samples, by the cubic through the four samples around each moment.
+
+    Straight lines between the samples would not do: what they are off by looks to the
+    decomposition like one more mode, and the rate found is up to a fifth too small.
+
+    :param at: moments between the first and the last sample [s], ``(m,)``
+    :param times: of the samples [s], ascending, ``(k,)`` with k >= 4
+    :param values: ``(k, c)``
+    :returns: ``(m, c)``
+    """
+    first = np.clip(np.searchsorted(times, at) - 2, 0, len(times) - 4)
+    around = first[:, None] + np.arange(4)
+    t = times[around]
+    others = ~np.eye(4, dtype=bool)
+    factors = (at[:, None, None] - t[:, None, :]) / np.where(
+        others, t[:, :, None] - t[:, None, :], 1.0)
+    weights = np.prod(np.where(others, factors, 1.0), axis=2)
+    found: NDArray[np.float64] = np.sum(weights[..., None] * values[around], axis=1)
+    return found
