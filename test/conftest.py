@@ -47,9 +47,11 @@ def pytest_make_collect_report(collector):
 
 
 LONGEST = (
-    'viewer/test_viewer.py', 'system/test_processes.py', 'paper/test_verify.py',
-    'commands/test_cli.py', 'system/test_launcher.py', 'system/test_hosts.py',
-    'benchmarks/test_bench.py')
+    'system/test_intruder.py', 'viewer/test_viewer.py', 'system/test_processes.py',
+    'system/test_hosts.py', 'commands/test_cli.py', 'paper/test_verify.py',
+    'system/test_fuzz_all.py', 'viewer/test_motion.py', 'recording/test_plot.py',
+    'system/test_launcher.py', 'viewer/test_formations.py', 'nodes/test_body.py',
+    'benchmarks/test_bench.py', 'system/test_clocks.py')
 """The files that take longest, the longest first."""
 
 
@@ -57,16 +59,14 @@ def pytest_collection_modifyitems(items):
     """
     Begin with the longest files, so that of several workers none waits for another at the end.
 
-    Two browsers that draw on the processor starve each other: the second file that wants one is
-    begun when the first is over. The mathematics, short and many, fills what is left.
+    The mathematics, short and many, fills what is left.
     """
     top = Path(__file__).parent
     places = {top / name: k for k, name in enumerate(LONGEST)}
-    places[top / 'viewer' / 'test_motion.py'] = len(LONGEST) + 1
 
     def place(item):
         mathematics = top / 'formation' in item.path.parents
-        return places.get(item.path, len(LONGEST) + (2 if mathematics else 0))
+        return places.get(item.path, len(LONGEST) + mathematics)
 
     items.sort(key=place)
 

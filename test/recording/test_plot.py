@@ -23,6 +23,7 @@ import bags
 from harness import run
 import numpy as np
 import pytest
+from tetra_ros2.cli import main
 from tetra_ros2.commands import plot
 from tetra_ros2.drawing import colors
 from tetra_ros2.drawing import picture as drawing
@@ -214,17 +215,25 @@ def test_two_plots_of_one_recording_are_the_same_files(tmp_path, bag):
         assert path.read_bytes() == (tmp_path / 'b' / path.name).read_bytes(), path.name
 
 
-def test_a_moving_picture_moves(tmp_path, bag):
+def test_a_moving_picture_moves(tmp_path):
     from PIL import Image
-    status, *_ = run('plot', bag, '--out', tmp_path, '--only', 'sphere', '--format', 'png',
-                     '--movie', '--to', '1.5')
-    assert status == 0
+    bags.write(tmp_path / 'bag', 12, topology.rotating(), h=0.1)
+    assert main(['plot', str(tmp_path / 'bag'), '--out', str(tmp_path), '--only', 'sphere',
+                 '--format', 'png', '--movie']) == 0
     with Image.open(tmp_path / 'sphere.gif') as movie:
-        assert movie.n_frames == drawing.MOVIE_FRAMES
+        assert movie.n_frames == 12
         first = np.asarray(movie.convert('RGB')).astype(int)
         assert first[0, 0].tolist() == [255, 255, 255]
         movie.seek(movie.n_frames - 1)
         assert np.count_nonzero(np.asarray(movie.convert('RGB')).astype(int) - first) > 5000
+
+
+def test_a_moving_picture_of_many_states_has_no_more_frames_than_are_wanted(tmp_path, bag):
+    from PIL import Image
+    run = recording.load(bag)
+    path = drawing.write_movie(run.times, run.gamma, (), tmp_path / 'x.gif', most=5)
+    with Image.open(path) as movie:
+        assert movie.n_frames == 5
 
 
 @pytest.mark.slow
@@ -258,7 +267,7 @@ def test_ros_is_not_needed(tmp_path, bag):
     assert done.returncode == 0, done.stderr
 
 
-def test_wrong_input_is_one_line_and_status_2(tmp_path, bag):
+def test_wrong_input_is_one_line_and_status_2(tmp_path, bag, capsys):
     (tmp_path / 'file').write_text('x')
     for arguments in (['plot', tmp_path / 'none', '--out', tmp_path],
                       ['plot', tmp_path / 'file', '--out', tmp_path],
@@ -266,7 +275,11 @@ def test_wrong_input_is_one_line_and_status_2(tmp_path, bag):
                       ['plot', bag, '--out', tmp_path, '--from', '99'],
                       ['plot', bag, '--out', tmp_path, '--namespace', 'elsewhere'],
                       ['plot', bag, '--out', tmp_path, '--only', 'everything']):
-        status, output, errors = run(*arguments)
+        try:
+            status = main(list(map(str, arguments)))
+        except SystemExit as ended:
+            status = ended.code
+        output, errors = capsys.readouterr()
         assert status == 2, errors
         assert errors.count('\n') == 1
         assert errors.startswith('tetra: error: ')

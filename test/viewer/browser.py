@@ -72,6 +72,10 @@ def open_page(context, address, received=None):
     return page
 
 
+SLOWLY = ('--ros-args', '-p', 'real_time_factor:=1.0')
+"""Arguments of a formation that a page can follow."""
+
+
 def free_port():
     """Return a port on which nobody listens."""
     with socket.socket() as probe:
@@ -168,3 +172,12 @@ def has_hue(image, color, tolerance=12.0, least=0.25):
     angle, saturation = hue(image)
     off = np.abs((angle - hue(color)[0] + 180.0) % 360.0 - 180.0)
     return (off < tolerance) & (saturation > least)
+
+
+def is_whole(scene):
+    """Return whether what is in a picture is cut off nowhere, and as large as can be."""
+    ink = np.max(np.abs(scene - scene[2, 2]), axis=-1) > 6
+    rows_, columns = np.flatnonzero(ink.any(axis=1)), np.flatnonzero(ink.any(axis=0))
+    height, width = ink.shape
+    return (ink.any() and columns[0] > 0 and columns[-1] < width - 1 and rows_[0] > 0
+            and rows_[-1] < height - 1 and np.ptp(columns) > 0.5 * min(width, height))

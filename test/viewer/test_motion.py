@@ -18,7 +18,7 @@ import itertools
 import threading
 import time
 
-from browser import dismiss, has_hue, launch, open_page, pixels, SLOW_FRAMES, until
+from browser import dismiss, has_hue, open_page, pixels, SLOW_FRAMES, until
 import numpy as np
 import pytest
 from tetra_ros2.drawing import colors
@@ -33,12 +33,6 @@ SOLID = '#00e000'
 AXIS = np.array([0.45, 0.2, 0.87]) / np.linalg.norm([0.45, 0.2, 0.87])
 
 pytestmark = pytest.mark.timeout(300)
-
-
-@pytest.fixture(scope='module')
-def chromium():
-    with launch() as browser:
-        yield browser
 
 
 class Turning:
