@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, ExitStack, suppress
 import os
 from pathlib import Path
+import re
 import shutil
 import signal
 import subprocess
@@ -27,6 +28,7 @@ from typing import Any
 
 from benchmarks.hosts import Hosts
 from tetra_ros2.config import configuration
+from tetra_ros2.ros import shared_memory
 
 GAIN, RATE, TOLERANCE = 4.0, 50.0, 1e-2
 """Fast enough for many faults in an hour; at this rate sampling leaves the spin 2e-3 rad off."""
@@ -49,6 +51,9 @@ END_TIME = 60.0
 
 FAKETIME = Path('/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1')
 """Debian package libfaketime."""
+
+_CLOCK = re.compile(r'(?:sem\.faketime_sem|faketime_shm)_([0-9]+)')
+"""Shared memory of a process that runs by another clock."""
 
 _READ = ('import sys\nfrom tetra_ros2.recording import reader\n'
          'print(len(reader.load(sys.argv[1]).stamps))')
@@ -100,6 +105,7 @@ class Rig:
 
     def __exit__(self, *error: object) -> None:
         self._stack.close()
+        _remove_clocks()
 
     def _environment(self) -> dict[str, str]:
         return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_DOMAIN_ID': '7'}
@@ -237,3 +243,10 @@ class Rig:
 def _python(*arguments: object) -> 'subprocess.CompletedProcess[str]':
     return subprocess.run([sys.executable, *map(str, arguments)], capture_output=True, text=True,
                           check=False)
+
+
+def _remove_clocks(directory: Path = shared_memory.DIRECTORY) -> None:
+    """Remove the shared memory that libfaketime made for processes that were killed."""
+    for file in directory.iterdir():
+        if (found := _CLOCK.fullmatch(file.name)) and not Path('/proc', found[1]).exists():
+            file.unlink(missing_ok=True)
