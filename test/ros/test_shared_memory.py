@@ -23,7 +23,7 @@ import sys
 import threading
 import time
 
-from harness import run
+from harness import DEADLINE, run
 import pytest
 from tetra_ros2.ros import shared_memory
 
@@ -152,6 +152,59 @@ def test_a_node_starts_where_another_one_was_killed_while_it_made_its_port():
     status, output, errors = run('launcher', '--duration', '5', '--quiet')
     assert status == 0, errors
     assert 'formed' in output
+
+
+def ports_of(process):
+    """Return the ports that a process reads."""
+    links = [os.readlink(f) for f in Path(f'/proc/{process.pid}/fd').iterdir()]
+    return {Path(link).name.removesuffix('_el') for link in links
+            if '/fastrtps_port' in link and link.endswith('_el')}
+
+
+def names_of(descriptors):
+    return {Path(os.readlink(f'/proc/self/fd/{d}')).name.removesuffix('_el') for d in descriptors}
+
+
+def close(descriptors):
+    for descriptor in descriptors:
+        os.close(descriptor)
+
+
+@pytest.mark.skipif(not shared_memory.DIRECTORY.is_dir(), reason='there is no /dev/shm')
+def test_a_port_of_the_dead_that_somebody_sends_to_is_not_taken_again(lodgers):
+    sender, dead = lodgers(), lodgers()
+    ports = ports_of(dead)
+    assert ports
+
+    def sends():
+        maps = Path(f'/proc/{sender.pid}/maps').read_text()
+        return {port for port in ports if f'/{port}' in maps}
+
+    deadline = time.monotonic() + DEADLINE
+    while not sends():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    living = shared_memory.hold_dead_ports()
+    assert not ports & names_of(living)
+    close(living)
+
+    dead.kill()
+    dead.wait()
+    sent_to = sends()
+    held = shared_memory.hold_dead_ports()
+    kept = ports & names_of(held)
+    assert kept
+    assert kept >= sent_to
+    another = lodgers()
+    assert not ports_of(another) & kept
+    close(held)
+
+    for process in (sender, another):
+        process.kill()
+        process.wait()
+    held = shared_memory.hold_dead_ports()
+    assert not ports & names_of(held), 'nobody sends any more'
+    close(held)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason='only root can give a file to another user')

@@ -57,7 +57,7 @@ def formation():
     port = free_port()
     with Processes() as processes:
         processes.tetra('launcher', '--config', 'rotating', '--duration', '1e6', '--namespace',
-                        'shared', '--ros-args', '-p', 'real_time_factor:=3.0')
+                        'shared', '--ros-args', '-p', 'real_time_factor:=3.0', '-p', 'rate:=40.0')
         viewer = processes.tetra('viewer', '--port', port, '--namespace', 'shared')
         wait_for_server(port)
         yield port

@@ -20,10 +20,16 @@ the same name and ``_el`` that it locks as long as it lives. The system takes th
 the process is gone, however it went; the segment stays until somebody removes it. Where no room
 is left for a new one, the process that touches it is killed with SIGBUS.
 
-Ports are left alone: their names are numbers, the next process with the same number takes them
-over, and to remove one while that happens would split it in two. But not a torn one: a process
+Ports are not removed: their names are numbers, the next process with the same number takes them
+over, and to remove one while that happens would split it in two. But for a torn one: a process
 that is killed while it makes a port leaves a file without content, and whoever wants that number
 next would wait for the content, for good and without a word.
+
+Fast DDS 2.14 itself splits a port in two now and then. Who still sends to a process that was
+killed makes a port under the dead one's number with every message, and removes it with the next
+one, together with the mutex that was to keep others from doing so meanwhile. A new process that
+takes that number while several do this may be left with a port whose name is gone: nobody finds
+it, it hears nothing. So a new process keeps off the numbers that others still send to.
 """
 
 import fcntl
@@ -53,9 +59,11 @@ NEEDED = 16 << 20
 _LOCK = re.compile('(fastrtps_[0-9a-f]{16})_el')
 _SEGMENT = re.compile('fastrtps_[0-9a-f]{16}')
 _PORT = re.compile('fastrtps_port[0-9]+')
+_MAPPED_PORT = re.compile(rb'/(fastrtps_port[0-9]+)(?: \(deleted\))?$', re.MULTILINE)
 _STATE = struct.Struct('<I')  # what boost::interprocess has in front of the content
 _MADE = 2
 _TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
+_held: list[int] = []  # descriptors of the locks of dead ports, until this process ends
 
 
 def remove_dead(directory: Path = DIRECTORY, settled: float = SETTLED) -> int:
@@ -103,6 +111,45 @@ def remove_torn_ports(directory: Path = DIRECTORY, patience: float = TORN) -> in
         except OSError:  # gone, or not ours
             continue
     return removed
+
+
+def hold_dead_ports(directory: Path = DIRECTORY) -> list[int]:
+    """
+    Lock the ports of processes that were killed, and that others still send to.
+
+    To Fast DDS a locked port is in use: it takes another number.
+
+    :param directory: where they are
+    :returns: descriptors; a lock is held until its descriptor is closed
+    """
+    held = []
+    for name in sorted(_mapped_ports()):
+        if (directory / f'{name}_sl').exists():  # it is shared: one for all who listen
+            continue
+        try:
+            # Who looks whether somebody lives there removes the file of a lock that is free.
+            descriptor = os.open(directory / f'{name}_el',
+                                 os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
+        except OSError:  # it is not ours
+            continue
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:  # somebody lives there
+            os.close(descriptor)
+        else:
+            held.append(descriptor)
+    return held
+
+
+def _mapped_ports() -> set[str]:
+    """Return the names of the ports that the processes which may be looked at have open."""
+    found = set()
+    for process in Path('/proc').glob('[0-9]*'):
+        try:
+            found |= set(_MAPPED_PORT.findall((process / 'maps').read_bytes()))
+        except OSError:  # gone, or somebody else's
+            continue
+    return {os.fsdecode(name) for name in found}
 
 
 def _names(directory: Path) -> list[str]:
@@ -162,11 +209,14 @@ def prepare(directory: Path = DIRECTORY) -> None:
     """
     Remove what dead processes left, and have DDS do without shared memory where it is short.
 
+    Ports of the dead that others still send to are locked until this process ends.
+
     To be called before the first ROS context is made. The environment variable
     ``FASTDDS_BUILTIN_TRANSPORTS`` decides instead, if it is set.
     """
     remove_dead(directory)
     remove_torn_ports(directory)
+    _held.extend(hold_dead_ports(directory))
     if _TRANSPORTS in os.environ:
         return
     try:
