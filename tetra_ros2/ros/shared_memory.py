@@ -59,7 +59,9 @@ NEEDED = 16 << 20
 _LOCK = re.compile('(fastrtps_[0-9a-f]{16})_el')
 _SEGMENT = re.compile('fastrtps_[0-9a-f]{16}')
 _PORT = re.compile('fastrtps_port[0-9]+')
-_MAPPED_PORT = re.compile(rb'/(fastrtps_port[0-9]+)(?: \(deleted\))?$', re.MULTILINE)
+# A line of /proc/PID/maps: device and name.
+_MAPPED_PORT = re.compile(
+    rb' ([0-9a-f]+:[0-9a-f]+) [0-9]+ +/.*/(fastrtps_port[0-9]+)(?: \(deleted\))?$', re.MULTILINE)
 _STATE = struct.Struct('<I')  # what boost::interprocess has in front of the content
 _MADE = 2
 _TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
@@ -123,8 +125,9 @@ def hold_dead_ports(directory: Path = DIRECTORY) -> list[int]:
     :returns: descriptors; a lock is held until its descriptor is closed
     """
     held = []
-    for name in sorted(_mapped_ports()):
-        if (directory / f'{name}_sl').exists():  # it is shared: one for all who listen
+    for name in sorted(_mapped_ports(directory)):
+        # Without a port the lock would be told as an error; a shared one is for all who listen.
+        if not (directory / name).exists() or (directory / f'{name}_sl').exists():
             continue
         try:
             # Who looks whether somebody lives there removes the file of a lock that is free.
@@ -141,15 +144,23 @@ def hold_dead_ports(directory: Path = DIRECTORY) -> list[int]:
     return held
 
 
-def _mapped_ports() -> set[str]:
+def _mapped_ports(directory: Path) -> set[str]:
     """Return the names of the ports that the processes which may be looked at have open."""
+    try:
+        device = directory.stat().st_dev
+    except OSError:
+        return set()
+    # A container may have a directory of that name of its own.
+    there = f'{os.major(device):02x}:{os.minor(device):02x}'.encode()
     found = set()
     for process in Path('/proc').glob('[0-9]*'):
         try:
-            found |= set(_MAPPED_PORT.findall((process / 'maps').read_bytes()))
+            maps = (process / 'maps').read_bytes()
         except OSError:  # gone, or somebody else's
             continue
-    return {os.fsdecode(name) for name in found}
+        found |= {os.fsdecode(name) for where, name in _MAPPED_PORT.findall(maps)
+                  if where == there}
+    return found
 
 
 def _names(directory: Path) -> list[str]:
