@@ -32,6 +32,8 @@ takes that number while several do this may be left with a port whose name is go
 it, it hears nothing. So a new process keeps off the numbers that others still send to.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import fcntl
 import os
 from pathlib import Path
@@ -53,6 +55,10 @@ Between the making of a segment and its lock there is a moment in which it looks
 TORN = 2.0
 """How long to wait for a port that is being made before it is taken to be torn [s]."""
 
+ROUNDS, ROUND = 5, 0.003
+"""How often a lock is tried, as others hold it for a moment to see if it is free, and how long [s]
+it is until the next time."""
+
 NEEDED = 16 << 20
 """How much must be free for a formation to use shared memory [bytes]: some twenty processes."""
 
@@ -65,7 +71,6 @@ _MAPPED_PORT = re.compile(
 _STATE = struct.Struct('<I')  # what boost::interprocess has in front of the content
 _MADE = 2
 _TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
-_held: list[int] = []  # descriptors of the locks of dead ports, until this process ends
 
 
 def remove_dead(directory: Path = DIRECTORY, settled: float = SETTLED) -> int:
@@ -115,33 +120,49 @@ def remove_torn_ports(directory: Path = DIRECTORY, patience: float = TORN) -> in
     return removed
 
 
-def hold_dead_ports(directory: Path = DIRECTORY) -> list[int]:
+@contextmanager
+def dead_ports_held(directory: Path = DIRECTORY) -> Iterator[set[str]]:
     """
     Lock the ports of processes that were killed, and that others still send to.
 
-    To Fast DDS a locked port is in use: it takes another number.
+    To Fast DDS a locked port is in use: who makes the first node of a context meanwhile gets
+    another one.
 
     :param directory: where they are
-    :returns: descriptors; a lock is held until its descriptor is closed
+    :yields: their names
     """
-    held = []
-    for name in sorted(_mapped_ports(directory)):
-        # Without a port the lock would be told as an error; a shared one is for all who listen.
-        if not (directory / name).exists() or (directory / f'{name}_sl').exists():
-            continue
-        try:
-            # Who looks whether somebody lives there removes the file of a lock that is free.
-            descriptor = os.open(directory / f'{name}_el',
-                                 os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
-        except OSError:  # it is not ours
-            continue
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:  # somebody lives there
+    held: dict[str, int] = {}
+    candidates = _mapped_ports(directory)
+    try:
+        for _ in range(ROUNDS if candidates else 0):
+            for name in sorted(candidates):
+                # Without a port the lock would be told as an error; who listens may share one.
+                if (directory / name).exists() and not (directory / f'{name}_sl').exists() \
+                        and (descriptor := _lock(directory / f'{name}_el')) is not None:
+                    held[name] = descriptor
+                    candidates.remove(name)
+            time.sleep(ROUND)
+        yield set(held)
+    finally:
+        for descriptor in held.values():
             os.close(descriptor)
-        else:
-            held.append(descriptor)
-    return held
+
+
+def _lock(file: Path) -> int | None:
+    """Lock a file, which is made if it is not there; return its descriptor, or None."""
+    try:
+        descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
+    except OSError:  # it is not ours
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # Who looks whether a port's process lives removes the file of a lock that is free.
+        if os.path.samestat(file.stat(), os.fstat(descriptor)):
+            return descriptor
+    except OSError:  # somebody has locked it, or it is gone
+        pass
+    os.close(descriptor)
+    return None
 
 
 def _mapped_ports(directory: Path) -> set[str]:
@@ -220,14 +241,11 @@ def prepare(directory: Path = DIRECTORY) -> None:
     """
     Remove what dead processes left, and have DDS do without shared memory where it is short.
 
-    Ports of the dead that others still send to are locked until this process ends.
-
     To be called before the first ROS context is made. The environment variable
     ``FASTDDS_BUILTIN_TRANSPORTS`` decides instead, if it is set.
     """
     remove_dead(directory)
     remove_torn_ports(directory)
-    _held.extend(hold_dead_ports(directory))
     if _TRANSPORTS in os.environ:
         return
     try:
