@@ -114,7 +114,7 @@ def viewer_png(folder, out):
 def viewer_bag_png(folder, out):
     """Look at the recording of a dodecahedron in a browser."""
     with _server('viewer', '--bag', _recording('spinning_dodecahedron', folder)) as address:
-        _screenshot(address, folder / 'viewer_bag.png', 15.0)
+        _screenshot(address, folder / 'viewer_bag.png', 15.0, pause=True)
     _shrink(folder / 'viewer_bag.png', out)
 
 
@@ -141,8 +141,8 @@ def _server(*arguments):
         process.communicate(timeout=30)
 
 
-def _screenshot(address, path, seconds):
-    """Take a picture of a page that has been open for a time."""
+def _screenshot(address, path, seconds, pause=False):
+    """Take a picture of a page that has been open for a time, and pause it for that if asked."""
     from playwright.sync_api import sync_playwright
     program = next(filter(None, map(shutil.which, (
         'chromium', 'chromium-browser', 'google-chrome'))), None)
@@ -154,6 +154,9 @@ def _screenshot(address, path, seconds):
         page.wait_for_timeout(1000.0 * seconds)
         for button in page.locator('.mantine-Notification-closeButton').all():
             button.click()
+        if pause:  # a page that the processor draws has trails that lag behind the axes
+            page.get_by_role('button', name='Pause').click()
+            page.get_by_role('button', name='Play').wait_for()
         page.wait_for_timeout(800)
         page.screenshot(path=path)
         browser.close()
