@@ -232,6 +232,18 @@ def test_a_lock_that_somebody_tries_for_a_moment_is_tried_again(tmp_path, monkey
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+def test_a_lock_whose_file_somebody_removes_is_locked_again(tmp_path, monkeypatch):
+    (tmp_path / 'fastrtps_port7411').touch()
+    monkeypatch.setattr(shared_memory, '_mapped_ports', lambda _: {'fastrtps_port7411'})
+    path = tmp_path / 'fastrtps_port7411_el'
+    rounds = iter(range(100))
+    monkeypatch.setattr(time, 'sleep', lambda _: path.unlink() if next(rounds) == 0 else None)
+    with shared_memory.dead_ports_held(tmp_path) as held:
+        assert held == {'fastrtps_port7411'}
+        with path.open() as lock, pytest.raises(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason='only root can give a file to another user')
 def test_what_another_user_left_is_not_touched(tmp_path):
     name = 'fastrtps_' + 'a' * 16

@@ -56,8 +56,7 @@ TORN = 2.0
 """How long to wait for a port that is being made before it is taken to be torn [s]."""
 
 ROUNDS, ROUND = 5, 0.003
-"""How often a lock is tried, as others hold it for a moment to see if it is free, and how long [s]
-it is until the next time."""
+"""How often locks are tried and looked at, and how long it is until the next time [s]."""
 
 NEEDED = 16 << 20
 """How much must be free for a formation to use shared memory [bytes]: some twenty processes."""
@@ -132,15 +131,20 @@ def dead_ports_held(directory: Path = DIRECTORY) -> Iterator[set[str]]:
     :yields: their names
     """
     held: dict[str, int] = {}
-    candidates = _mapped_ports(directory)
+    candidates = sorted(_mapped_ports(directory))
     try:
         for _ in range(ROUNDS if candidates else 0):
-            for name in sorted(candidates):
+            for name in candidates:
+                lock = directory / f'{name}_el'
+                # Who looks whether a port's process lives locks it for a moment, and removes the
+                # file of the lock afterwards: perhaps when this process has it.
+                if name in held and not _is_at(lock, held[name]):
+                    os.close(held.pop(name))
                 # Without a port the lock would be told as an error; who listens may share one.
-                if (directory / name).exists() and not (directory / f'{name}_sl').exists() \
-                        and (descriptor := _lock(directory / f'{name}_el')) is not None:
+                if name not in held and (directory / name).exists() \
+                        and not (directory / f'{name}_sl').exists() \
+                        and (descriptor := _lock(lock)) is not None:
                     held[name] = descriptor
-                    candidates.remove(name)
             time.sleep(ROUND)
         yield set(held)
     finally:
@@ -156,13 +160,21 @@ def _lock(file: Path) -> int | None:
         return None
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # Who looks whether a port's process lives removes the file of a lock that is free.
-        if os.path.samestat(file.stat(), os.fstat(descriptor)):
-            return descriptor
-    except OSError:  # somebody has locked it, or it is gone
+    except OSError:  # somebody else has it
         pass
+    else:
+        if _is_at(file, descriptor):
+            return descriptor
     os.close(descriptor)
     return None
+
+
+def _is_at(file: Path, descriptor: int) -> bool:
+    """Return whether a path is still that of an open file."""
+    try:
+        return os.path.samestat(file.stat(), os.fstat(descriptor))
+    except OSError:
+        return False
 
 
 def _mapped_ports(directory: Path) -> set[str]:
