@@ -159,8 +159,9 @@ def _lock(file: Path) -> int | None:
     except OSError:  # it is not ours
         return None
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:  # somebody else has it
+        # Shared with others that are starting; Fast DDS wants it for itself.
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:  # somebody lives there
         pass
     else:
         if _is_at(file, descriptor):
