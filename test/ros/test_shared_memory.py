@@ -17,6 +17,7 @@
 import fcntl
 import os
 from pathlib import Path
+import select
 import struct
 import subprocess
 import sys
@@ -207,8 +208,9 @@ def test_a_port_that_nobody_sends_to_or_that_is_shared_or_gone_is_not_held(tmp_p
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         with shared_memory.dead_ports_held(tmp_path) as again:
             assert again == held, 'two that start together both keep off'
-    with (tmp_path / 'fastrtps_port7411_el').open() as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with (tmp_path / 'fastrtps_port7411_el').open() as lock, pytest.raises(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    assert not (tmp_path / 'fastrtps_port7411_el').exists(), 'or its port would be reset'
 
 
 def test_a_lock_that_somebody_tries_for_a_moment_is_tried_again(tmp_path, monkeypatch):
@@ -219,12 +221,12 @@ def test_a_lock_that_somebody_tries_for_a_moment_is_tried_again(tmp_path, monkey
     fcntl.flock(other, fcntl.LOCK_EX)
     rounds = iter(range(100))
 
-    def sleep(_):
+    def wait(*_):
         if next(rounds) == 1:
             path.unlink()
             other.close()
 
-    monkeypatch.setattr(time, 'sleep', sleep)
+    monkeypatch.setattr(select, 'select', wait)
     with shared_memory.dead_ports_held(tmp_path) as held:
         assert held == {'fastrtps_port7411'}
         with path.open() as lock, pytest.raises(OSError):
@@ -236,7 +238,7 @@ def test_a_lock_whose_file_somebody_removes_is_locked_again(tmp_path, monkeypatc
     monkeypatch.setattr(shared_memory, '_mapped_ports', lambda _: {'fastrtps_port7411'})
     path = tmp_path / 'fastrtps_port7411_el'
     rounds = iter(range(100))
-    monkeypatch.setattr(time, 'sleep', lambda _: path.unlink() if next(rounds) == 0 else None)
+    monkeypatch.setattr(select, 'select', lambda *_: path.unlink() if next(rounds) == 0 else None)
     with shared_memory.dead_ports_held(tmp_path) as held:
         assert held == {'fastrtps_port7411'}
         with path.open() as lock, pytest.raises(OSError):
