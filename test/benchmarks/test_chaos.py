@@ -16,12 +16,14 @@
 
 from dataclasses import asdict
 import json
+import os
 from pathlib import Path
 import subprocess
 import sys
 
 from benchmarks.chaos import group, Outcome, Share, table
 from benchmarks.hosts import unavailable
+from benchmarks.rig import _remove_clocks
 import pytest
 
 
@@ -64,6 +66,18 @@ def test_a_run_that_was_stopped_goes_on_with_the_next_fault(tmp_path):
     with out.open('a') as file:
         file.write(json.dumps(asdict(outcome(3))) + '\n')
     assert share.whole
+
+
+def test_the_clocks_of_who_was_killed_are_removed_and_nothing_else(tmp_path):
+    with subprocess.Popen([sys.executable, '-c', '']) as dead:
+        pass  # it has ended, and was waited for
+    names = [f'{kind}_{number}' for kind in ('faketime_shm', 'sem.faketime_sem')
+             for number in (dead.pid, os.getpid())] + ['fastrtps_port7411', 'faketime_shm_x']
+    for name in names:
+        (tmp_path / name).touch()
+    _remove_clocks(tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} == {
+        name for name in names if not name.endswith(f'_{dead.pid}')}
 
 
 @pytest.mark.slow

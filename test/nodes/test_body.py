@@ -98,7 +98,7 @@ def test_a_gimbal_that_can_go_no_further_says_so_and_the_others_go_on(probe, pro
     reports = len(probe.received['diagnostics'])
     probe.wait_for(lambda: len(probe.received['diagnostics']) > reports + 20, 'reports')
     for name, right in (('/plant', 'running'), ('/agent_1', 'answering')):
-        probe.wait_for_health(name, lambda s, right=right: s.message == right, right)
+        assert probe.health(name).message == right
     assert not any('frozen' in status.message for array in probe.received['diagnostics']
                    for status in array.status)
 

@@ -231,9 +231,11 @@ def test_a_moving_picture_moves(tmp_path):
 def test_a_moving_picture_of_many_states_has_no_more_frames_than_are_wanted(tmp_path, bag):
     from PIL import Image
     run = recording.load(bag)
-    path = drawing.write_movie(run.times, run.gamma, (), tmp_path / 'x.gif', most=5)
-    with Image.open(path) as movie:
-        assert movie.n_frames == 5
+    assert len(run.times) > drawing.MOVIE_FRAMES
+    for more, frames in (({'most': 5}, 5), ({'size': 40}, drawing.MOVIE_FRAMES)):
+        path = drawing.write_movie(run.times, run.gamma, (), tmp_path / 'x.gif', **more)
+        with Image.open(path) as movie:
+            assert movie.n_frames == frames
 
 
 @pytest.mark.slow

@@ -72,10 +72,6 @@ def open_page(context, address, received=None):
     return page
 
 
-SLOWLY = ('--ros-args', '-p', 'real_time_factor:=1.0')
-"""Arguments of a formation that a page can follow."""
-
-
 def free_port():
     """Return a port on which nobody listens."""
     with socket.socket() as probe:
@@ -177,7 +173,7 @@ def has_hue(image, color, tolerance=12.0, least=0.25):
 def is_whole(scene):
     """Return whether what is in a picture is cut off nowhere, and as large as can be."""
     ink = np.max(np.abs(scene - scene[2, 2]), axis=-1) > 6
-    rows_, columns = np.flatnonzero(ink.any(axis=1)), np.flatnonzero(ink.any(axis=0))
+    rows, columns = np.flatnonzero(ink.any(axis=1)), np.flatnonzero(ink.any(axis=0))
     height, width = ink.shape
-    return (ink.any() and columns[0] > 0 and columns[-1] < width - 1 and rows_[0] > 0
-            and rows_[-1] < height - 1 and np.ptp(columns) > 0.5 * min(width, height))
+    return (ink.any() and columns[0] > 0 and columns[-1] < width - 1 and rows[0] > 0
+            and rows[-1] < height - 1 and np.ptp(columns) > 0.5 * min(width, height))

@@ -16,6 +16,8 @@
 
 import pytest
 
+# What drives a browser is imported where it is wanted: without it the other tests still run.
+
 
 @pytest.fixture(scope='module')
 def chromium():

@@ -18,11 +18,14 @@ from pathlib import Path
 import socket
 import time
 
-from browser import charts, shown_time, SLOWLY, until, wait_for_server
+from browser import charts, shown_time, until, wait_for_server
 from harness import interrupt, Probe, run, values
 import numpy as np
 import pytest
 from tetra_ros2.viewer.scene import MOST_AGENTS
+
+SLOWLY = ('--ros-args', '-p', 'real_time_factor:=1.0')
+"""Arguments of a formation that a page can follow."""
 
 pytestmark = pytest.mark.timeout(300)
 

@@ -195,8 +195,8 @@ def test_buttons_act_on_the_topics_and_a_second_browser_sees_the_same(formation,
 
     page.get_by_text('max', exact=True).click()
     stamp, begun = probe.stamp(), time.monotonic()
-    probe.wait_for(lambda: probe.stamp() > stamp + 20e9, 'twenty seconds of formation time')
-    assert time.monotonic() - begun < 15.0, 'it runs as fast as it goes'
+    probe.wait_for(lambda: probe.stamp() > stamp + 50e9, 'fifty seconds of formation time')
+    assert time.monotonic() - begun < 15.0, 'as fast as it goes, not three times as fast'
     until(page, lambda: (data := charts(page)) and np.ptp(data[0][0][0]) > 5.0, 'charts')
     assert np.ptp(charts(page)[0][0][0]) < 31.0, 'half a minute, however fast it goes'
     page.get_by_role('button', name='1', exact=True).click()
