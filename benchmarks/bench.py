@@ -29,7 +29,8 @@ from statistics import median
 import subprocess
 import time
 
-from benchmarks.rows import all_rows, Bench, may_have_priority, OTHERS, Scale, THOROUGH, TOP
+from benchmarks.measuring import Bench, may_have_priority, OTHERS, Scale, THOROUGH, TOP
+from benchmarks.rows import all_rows
 from rich.console import Console
 from rich.table import Table
 from tetra_ros2.config.parameters import ConfigurationError, nearest

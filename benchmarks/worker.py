@@ -48,9 +48,6 @@ TRIES = 5
 WARM_UP, IDLE_RATE = 0.5, 10.0
 """In real time: how long to run before a measurement counts [s], and how fast between two [Hz]."""
 
-ON_TIME = 0.25e-3
-"""How late a step may be that counts as in time [s]."""
-
 
 def _steady_clock():
     from rclpy.clock import Clock
@@ -338,6 +335,7 @@ def n_topics(n):
 def realtime(arguments):
     """Measure punctuality and freshness of the plant in real time; the agents are elsewhere."""
     import numpy as np
+    import punctuality
     from tetra_ros2.ros.executor import spare_collections
     n = arguments.n
     notes = []
@@ -377,42 +375,10 @@ def realtime(arguments):
         noted = []
         spinner.run_for(seconds, lambda: len(notes), lambda: noted.extend(notes))
         plant.set_rate(IDLE_RATE)
-        return judge(np.array(noted).reshape(-1, 3), n, rate)
+        return punctuality.judge(np.array(noted).reshape(-1, 3), n, rate)
 
     plant.set_rate(IDLE_RATE)
     take_turns(measure)
-
-
-def judge(notes, n, rate):
-    """
-    Say how punctual and how fresh a run in real time was.
-
-    :param notes: for each step its time, the oldest stamp among the commands that it applied
-        [ns], and how many of these answer the step before, ``(m, 3)``
-    """
-    import numpy as np
-    stamps, oldest, fresh = notes.T
-    period = 1e9 / rate
-    since = stamps - stamps[0]
-    # The schedule is where most steps are, at the early edge of them: a timer is never early.
-    # First about the mean on the circle, as a step may be late by more than half a period.
-    middle = np.angle(np.mean(np.exp(2j * np.pi * since / period))) / (2.0 * np.pi) * period
-    offsets = since - middle
-    since = since - middle - np.quantile(offsets - np.round(offsets / period) * period, 0.05)
-    tolerance = min(50e3, 0.2 * period)
-    slots = np.floor((since + tolerance) / period)
-    late = since - slots * period
-    skipped = np.diff(slots, prepend=slots[0] - 1) > 1
-    # Behind a gap it cannot be told which slot a step was for: that one counts as late.
-    on_time = (late <= ON_TIME * 1e9) & ~skipped
-    scheduled = slots[-1] - slots[0] + 1
-    ages = np.arange(len(stamps)) - np.searchsorted(stamps, oldest)
-    return {'steps': len(stamps), 'steps/s': 1e9 * (len(stamps) - 1) / (stamps[-1] - stamps[0]),
-            'on time': len(np.unique(slots[on_time])) / scheduled,
-            'fresh': float(fresh[1:].sum() / (n * (len(stamps) - 1))),
-            'oldest [steps]': int(ages[1:].max()),
-            'jitter p50 [ms]': float(np.quantile(late, 0.5) / 1e6),
-            'jitter p99 [ms]': float(np.quantile(late, 0.99) / 1e6)}
 
 
 def agent(arguments):

@@ -18,10 +18,11 @@ from contextlib import contextmanager
 import json
 import subprocess
 
-from benchmarks import rows as measurements
-from benchmarks import worker
+from benchmarks import measuring
 from benchmarks.__main__ import main
-from benchmarks.rows import all_rows, Bench, Row, System
+from benchmarks.measuring import Bench
+from benchmarks.punctuality import judge
+from benchmarks.rows import all_rows, Row, System
 import numpy as np
 import pytest
 
@@ -105,7 +106,7 @@ def fails_at_the_end(bench):
 @pytest.mark.parametrize('start', [fails_to_start, fails_in_its_turn, fails_at_the_end])
 def test_a_measurement_that_fails_misses_its_target(start, capsys):
     row = Row('x', 'x', '', (System('x', start),), 's', at_most=1.0)
-    result, = Bench(measurements.Scale(repeats=2)).measure([row])
+    result, = Bench(measuring.Scale(repeats=2)).measure([row])
     assert not result['met']
     assert 'x could not be measured' in capsys.readouterr().err
 
@@ -125,7 +126,7 @@ def test_the_highest_rate_is_looked_for_upwards_or_downwards(limit, found, tried
         good = rate <= limit
         return {'rate': rate, 'on time': 1.0 if good else 0.5, 'fresh': 1.0, 'oldest [steps]': 1}
 
-    rate, rungs = measurements.highest_rate(2000, limit >= 2000, run)
+    rate, rungs = measuring.highest_rate(2000, limit >= 2000, run)
     assert rate == found
     assert tried is None or [rung['rate'] for rung in rungs] == tried
 
@@ -202,20 +203,14 @@ def test_a_row_is_measured_in_processes_of_its_own(row, seconds, tmp_path):
 
 
 def test_real_time_is_measured_in_six_processes(monkeypatch):
-    monkeypatch.setattr(measurements, 'LADDER', (250, 500))
-    figures = Bench(measurements.Scale(realtime=0.3)).realtime('tetra', 250)
+    monkeypatch.setattr(measuring, 'LADDER', (250, 500))
+    figures = Bench(measuring.Scale(realtime=0.3)).realtime('tetra', 250)
     assert figures['steps'] > 20
     assert 0.0 < figures['fresh'] <= 1.0
     assert figures['oldest [steps]'] >= 1
 
 
-@pytest.fixture
-def judge():
-    """Return the function that says how punctual a run was."""
-    return worker.judge
-
-
-def test_a_late_step_a_skipped_step_and_an_old_command_are_noticed(judge):
+def test_a_late_step_a_skipped_step_and_an_old_command_are_noticed():
     stamps = 1e9 + 1e6 * np.arange(1000)
     oldest = stamps - 1e6
     fresh = np.full(1000, 4)
