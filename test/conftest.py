@@ -46,27 +46,33 @@ def pytest_make_collect_report(collector):
         report.longrepr = (str(collector.path), 0, f'Skipped: {error.name} is not installed')
 
 
+PUNCTUAL = (
+    'nodes/test_body.py', 'system/test_intruder.py', 'system/test_clocks.py',
+    'nodes/test_poses.py')
+"""Files whose nodes are to keep time, and which wait more than they work."""
+
 LONGEST = (
-    'system/test_intruder.py', 'viewer/test_viewer.py', 'system/test_processes.py',
-    'system/test_hosts.py', 'commands/test_cli.py', 'paper/test_verify.py',
-    'system/test_fuzz_all.py', 'viewer/test_motion.py', 'recording/test_plot.py',
-    'system/test_launcher.py', 'viewer/test_formations.py', 'nodes/test_body.py',
-    'benchmarks/test_bench.py', 'system/test_clocks.py')
-"""The files that take longest, the longest first."""
+    'viewer/test_viewer.py', 'system/test_processes.py', 'system/test_hosts.py',
+    'commands/test_cli.py', 'paper/test_verify.py', 'system/test_fuzz_all.py',
+    'viewer/test_motion.py', 'recording/test_plot.py', 'system/test_launcher.py',
+    'viewer/test_formations.py', 'benchmarks/test_bench.py')
+"""The files that take longest of the others, the longest first."""
 
 
 def pytest_collection_modifyitems(items):
     """
-    Begin with the longest files, so that of several workers none waits for another at the end.
+    Begin with what has to keep time, while nothing else takes much of the processor.
 
-    The mathematics, short and many, fills what is left.
+    Then come the longest files, so that of several workers none waits for another at the end. The
+    mathematics, short and many, fills what is left.
     """
     top = Path(__file__).parent
-    places = {top / name: k for k, name in enumerate(LONGEST)}
+    order = (*PUNCTUAL, *LONGEST)
+    places = {top / name: k for k, name in enumerate(order)}
 
     def place(item):
         mathematics = top / 'formation' in item.path.parents
-        return places.get(item.path, len(LONGEST) + mathematics)
+        return places.get(item.path, len(order) + mathematics)
 
     items.sort(key=place)
 

@@ -63,9 +63,15 @@ class Probe:
         """Spin until a condition holds, and return what it returned."""
         deadline = time.monotonic() + timeout
         while not (result := condition()):
-            assert time.monotonic() < deadline, f'{what}: not within {timeout} s'
+            assert time.monotonic() < deadline, f'{what}: not within {timeout} s{self._told()}'
             self.executor.spin_once(timeout_sec=0.1)
         return result
+
+    def _told(self):
+        """Return what the nodes said last of how they are, where that was listened to."""
+        last = {status.name: status.message for message in self.received.get('diagnostics', ())
+                for status in message.status}
+        return ''.join(f'; {name}: {message}' for name, message in last.items())
 
     def call(self, service_type, name, request):
         """Call a service and return its response."""

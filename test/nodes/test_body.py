@@ -63,6 +63,7 @@ def test_a_serial_gimbal_forms_with_simulated_bodies_is_held_when_unplugged_and_
         probe, programs, bus):
     body = start(programs, bus)
     probe.listen_to_attitudes()
+    probe.listen(DiagnosticArray, 'diagnostics')
     programs.tetra('launcher', '--config', 'complete', '--mode', 'realtime', '--duration', '300',
                    '--ros-args', '-p', 'external_bodies:=[4]', '-p', 'seed:=3')
     probe.wait_for(lambda: error(probe) < 5e-3, 'a tetrahedron')
