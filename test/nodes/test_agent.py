@@ -40,6 +40,9 @@ class Alone:
     def __init__(self, bench, clock):
         self.node, self.clock, self.commanded = bench.node, clock, []
         self.node._send = lambda message: self.commanded.append(self.read(message))
+        self.listen()
+
+    def listen(self):
         self.receivers = [self.node._receiver(slot, f'agent_{slot + 2}') for slot in range(3)]
 
     @staticmethod
@@ -164,7 +167,8 @@ def test_with_two_publishers_it_holds_still_if_that_is_wished_for(alone, monkeyp
 def test_a_bad_measurement_is_counted_and_what_else_is_raised_survived(alone, monkeypatch):
     alone.receivers[1](encode(1000, 0.0, 0.0, 2.0))
     assert dict(alone.node.health.rejected) == {'not a unit vector (agent_3)': 1}
-    monkeypatch.setattr(alone.node, '_publish', lambda *_: 1 / 0)
+    monkeypatch.setattr(alone.node, '_encode', lambda *_: 1 / 0)
+    alone.listen()
     alone.see(2000)
     assert alone.node.health.exceptions == 1
     assert 'ZeroDivisionError' in alone.node.health._last_exception

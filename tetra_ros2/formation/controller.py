@@ -77,6 +77,7 @@ class Controller:
         self._stamps = [0] * len(self.weights)
         self._all = (1 << len(self.weights)) - 1
         self._missing = self._all  # the slots from which the round still waits, one bit each
+        self._others = [self._all & ~(1 << slot) for slot in range(len(self.weights))]
 
     def receive(self, slot: int, stamp: int, seen: Sequence[float],
                 now: float) -> Vector | None:
@@ -95,21 +96,21 @@ class Controller:
         if not SHORTEST <= x * x + y * y + z * z <= LONGEST:
             refuse_direction(x, y, z)
         # Nearly always it is that of the newest one in use, which was looked at.
-        if stamp != self.stamp and (
-                stamp < self._stamps[slot] or stamp > self.stamp + self.ahead):
-            self._doubt(slot, stamp, seen, now)
-        elif self._suspects:
+        if stamp != self.stamp:
+            if stamp < self._stamps[slot] or stamp > self.stamp + self.ahead:
+                self._doubt(slot, stamp, seen, now)
+            if stamp > self.stamp:
+                self.stamp = stamp
+                self._missing = self._all
+        if self._suspects:
             self._suspects.pop(slot, None)
         self._seen[slot] = seen
         self._stamps[slot] = stamp
         self.heard_at[slot] = now
         self.received += 1
         if stamp != self.stamp:
-            if stamp < self.stamp:
-                return None  # late: the others are already in a newer round
-            self.stamp = stamp
-            self._missing = self._all
-        self._missing &= ~(1 << slot)
+            return None  # late: the others are already in a newer round
+        self._missing &= self._others[slot]
         if self._missing:
             return None
         self._missing = self._all

@@ -126,6 +126,7 @@ class Agent(FormationNode):
         """Return what hands the measurements of a neighbour to the law, and sends its answers."""
         # The busiest callback of an agent: it has at hand what it needs.
         decode, receive, now = self._measurement.decoder(), self._controller.receive, self._now
+        send, encode = self._send, self._encode
 
         def on_measurement(message: bytes) -> None:
             try:
@@ -133,7 +134,7 @@ class Agent(FormationNode):
                 rate = receive(slot, stamp, seen, now())
                 if rate is None or self._held:
                     return
-                self._publish(stamp, rate)
+                send(encode(stamp, 0.0, 0.0, 0.0, *rate))
                 self._newest = stamp
                 self.answers += 1
             except Rejected as rejection:

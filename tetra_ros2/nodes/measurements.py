@@ -94,7 +94,7 @@ class Measurements:
             state += position
             state += orientation
         prefix, pack = self._state.encoder(head)
-        self._send_state(prefix + pack(*state))
+        self._send_state(pack(prefix, *state))
 
     def tell(self, head: bytes, seen_by: SeenBy, lost: Collection[int] = NOBODY,
              agents: int = EVERYBODY) -> None:
@@ -109,7 +109,7 @@ class Measurements:
         for i, others, senders, encoder in sensors:
             prefix, pack = encoder(head)
             for send, (x, y, z) in zip(senders, seen_by(i, others)):
-                send(prefix + pack(x, y, z))
+                send(pack(prefix, x, y, z))
 
     def _sensors_of(self, agents: int, lost: Collection[int]) -> list[_Sensor]:
         """Return the sensors of some agents, which tell nothing of bodies that are lost."""

@@ -82,7 +82,7 @@ class StampedNumbers:
             between += bytes(-len(between) % 4) + struct.pack('<I', length)
         self._between = between + bytes(-(_HEAD.size - 4 + len(between)) % 8)
         self._pack = struct.Struct(f'<4siI{len(self._between)}s{count}d').pack
-        self._pack_numbers = struct.Struct(f'<{count}d').pack
+        self._pack_rest = struct.Struct(f'<{_HEAD.size + len(self._between)}s{count}d').pack
         counted = '' if length is None else f'{len(between) - len(self._name) - 4}xI'
         # Seconds are read unsigned: those before 0 are then as large as those that are too large.
         self._whole = struct.Struct(
@@ -100,11 +100,12 @@ class StampedNumbers:
 
     def encoder(self, message_head: bytes) -> tuple[bytes, Callable[..., bytes]]:
         """
-        Return what makes messages of one stamp: a prefix, and a function from numbers to the rest.
+        Return what makes messages of one stamp: ``message = pack(prefix, *numbers)``.
 
         :param message_head: of their stamp, from :func:`head`
+        :returns: prefix, pack
         """
-        return message_head + self._between, self._pack_numbers
+        return message_head + self._between, self._pack_rest
 
     def decode(self, message: bytes) -> tuple[int, Sequence[float]]:
         """
