@@ -410,6 +410,23 @@ def test_in_lockstep_a_paused_plant_waits_for_nobody_and_gives_up_nobody(clocks)
     assert stepper.steps == steps + 1, 'all had answered'
 
 
+def test_in_lockstep_who_answers_a_paused_plant_again_makes_it_look_for_no_loss(clocks):
+    plant, stepper = begin(Lockstep, clocks)
+    answer(stepper)
+    stepper.pause(True)
+    answer(stepper)
+    before, patience = plant.timers[:], stepper._round_trip.patience
+    for _ in range(3):
+        clocks.advance(200_000_000)
+        plant.tick()
+        clocks.advance(1_000_000)
+        answer(stepper)
+    assert stepper.repetitions == 3
+    plant.tick()
+    assert plant.timers == before, 'two thousand times a second'
+    assert stepper._round_trip.patience == patience
+
+
 def test_in_lockstep_bodies_that_are_held_for_a_conflict_hold_the_time(clocks):
     plant, stepper = begin(Lockstep, clocks)
     plant.held = 0b1

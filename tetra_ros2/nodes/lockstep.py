@@ -212,14 +212,17 @@ class Lockstep(Stepper):
         if stamp == self.stamp:
             self._absent &= ~bit
             self._rates[i] = rate
-            self._missing &= ~bit
-            if not self._missing:
+            if self._missing == bit:  # the last one
+                self._missing = 0
                 # To learn takes time: it is done seldom as long as nothing is lost.
                 if self._repeated or self._rapid is not None or not self.steps & 7:
                     self._learn(time.monotonic())
                 self._advance()
-            elif self._rapid is not None and not self._repeated:
-                self._heard_at = time.monotonic()
+            else:
+                # Who answers again, as what is paused is repeated, teaches nothing.
+                self._missing &= ~bit
+                if self._rapid is not None and self._missing and not self._repeated:
+                    self._heard_at = time.monotonic()
         elif stamp > self.stamp + 1:  # a stop is one nanosecond younger than what it follows
             raise Rejected(Rejected.FUTURE_STAMP)
         else:
