@@ -46,6 +46,7 @@ from tetra_ros2.formation.summary import summarize, Summary
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.nodes.plant import Plant
+from tetra_ros2.ros import shared_memory
 from tetra_ros2.ros.executor import (
     initialize,
     local_by_default,
@@ -182,7 +183,8 @@ class Launcher:
         self._context = Context()
         initialize(self._context, self._for_context)
         self.executor = make_executor(self._context)
-        self.monitor = self._add(Monitor, 'monitor')
+        with shared_memory.dead_ports_held():
+            self.monitor = self._add(Monitor, 'monitor')
         look_for_signals(self.monitor)
         agents = {names.agent(i): i for i in range(1, self.formation.topology.n + 1)}
         for name in sorted(self._without - {names.PLANT, *agents}):

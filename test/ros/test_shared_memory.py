@@ -17,13 +17,14 @@
 import fcntl
 import os
 from pathlib import Path
+import select
 import struct
 import subprocess
 import sys
 import threading
 import time
 
-from harness import run
+from harness import DEADLINE, run
 import pytest
 from tetra_ros2.ros import shared_memory
 
@@ -58,7 +59,8 @@ def lodgers():
         process = subprocess.Popen([sys.executable, '-c', NODE], text=True,
                                    stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         started.append(process)
-        assert process.stdout.readline() == 'here\n'
+        # Fast DDS prints, too, if a port is locked.
+        assert any(line == 'here\n' for line in process.stdout)
         return process
 
     yield start
@@ -152,6 +154,95 @@ def test_a_node_starts_where_another_one_was_killed_while_it_made_its_port():
     status, output, errors = run('launcher', '--duration', '5', '--quiet')
     assert status == 0, errors
     assert 'formed' in output
+
+
+def ports_of(process):
+    """Return the ports that a process reads."""
+    links = [os.readlink(f) for f in Path(f'/proc/{process.pid}/fd').iterdir()]
+    return {Path(link).name.removesuffix('_el') for link in links
+            if '/fastrtps_port' in link and link.endswith('_el')}
+
+
+@pytest.mark.skipif(not shared_memory.DIRECTORY.is_dir(), reason='there is no /dev/shm')
+def test_a_port_of_the_dead_that_somebody_sends_to_is_not_taken_again(lodgers):
+    sender, dead = lodgers(), lodgers()
+    ports = ports_of(dead)
+    assert ports
+
+    def sent_to():
+        maps = Path(f'/proc/{sender.pid}/maps').read_text()
+        return {port for port in ports if f'/{port}\n' in maps}
+
+    until(sent_to)
+    with shared_memory.dead_ports_held() as held:
+        assert not ports & held, 'it lives'
+
+    dead.kill()
+    dead.wait()
+
+    def another_keeps_off():
+        with shared_memory.dead_ports_held() as held:
+            kept = sent_to()
+            return kept and kept <= held and not ports_of(lodgers()) & kept
+
+    until(another_keeps_off)
+
+
+def until(condition):
+    deadline = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_a_port_that_nobody_sends_to_or_that_is_shared_or_gone_is_not_held(tmp_path, monkeypatch):
+    for name in ('fastrtps_port7411', 'fastrtps_port7413'):
+        (tmp_path / name).touch()
+    (tmp_path / 'fastrtps_port7413_sl').touch()
+    (tmp_path / 'fastrtps_port7417').touch()
+    monkeypatch.setattr(shared_memory, '_mapped_ports', lambda _: {
+        'fastrtps_port7411', 'fastrtps_port7413', 'fastrtps_port7415'})
+    with shared_memory.dead_ports_held(tmp_path) as held:
+        assert held == {'fastrtps_port7411'}
+        with (tmp_path / 'fastrtps_port7411_el').open() as lock, pytest.raises(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with shared_memory.dead_ports_held(tmp_path) as again:
+            assert again == held, 'two that start together both keep off'
+        with (tmp_path / 'fastrtps_port7411_el').open() as lock, pytest.raises(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    assert not (tmp_path / 'fastrtps_port7411_el').exists(), 'or its port would be reset'
+
+
+def test_a_lock_that_somebody_tries_for_a_moment_is_tried_again(tmp_path, monkeypatch):
+    (tmp_path / 'fastrtps_port7411').touch()
+    monkeypatch.setattr(shared_memory, '_mapped_ports', lambda _: {'fastrtps_port7411'})
+    path = tmp_path / 'fastrtps_port7411_el'
+    other = path.open('w')  # as Fast DDS does to see if somebody lives there
+    fcntl.flock(other, fcntl.LOCK_EX)
+    rounds = iter(range(100))
+
+    def wait(*_):
+        if next(rounds) == 1:
+            path.unlink()
+            other.close()
+
+    monkeypatch.setattr(select, 'select', wait)
+    with shared_memory.dead_ports_held(tmp_path) as held:
+        assert held == {'fastrtps_port7411'}
+        with path.open() as lock, pytest.raises(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def test_a_lock_whose_file_somebody_removes_is_locked_again(tmp_path, monkeypatch):
+    (tmp_path / 'fastrtps_port7411').touch()
+    monkeypatch.setattr(shared_memory, '_mapped_ports', lambda _: {'fastrtps_port7411'})
+    path = tmp_path / 'fastrtps_port7411_el'
+    rounds = iter(range(100))
+    monkeypatch.setattr(select, 'select', lambda *_: path.unlink() if next(rounds) == 0 else None)
+    with shared_memory.dead_ports_held(tmp_path) as held:
+        assert held == {'fastrtps_port7411'}
+        with path.open() as lock, pytest.raises(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason='only root can give a file to another user')

@@ -23,10 +23,13 @@ from typing import Any
 from rclpy.context import Context
 from rclpy.node import Node
 from std_srvs.srv import SetBool
-from tetra_ros2.ros import executor
+from tetra_ros2.ros import executor, shared_memory
 
-PATIENCE = 3.0
-"""How long to look for services, and to wait for their answers [s]."""
+PATIENCE = 10.0
+"""
+How long to look for services, and to wait for their answers [s]: who wants to stop has a reason,
+and a busy machine may take seconds to discover what there is.
+"""
 
 SETTLED = 1.0
 """How long no new service may have turned up before that is taken to be all of them [s]."""
@@ -45,7 +48,9 @@ def main(data: bool, namespace: str = '', arguments: Sequence[str] = ()) -> int:
     executor.look_around()
     context = Context()
     executor.initialize(context, ['--ros-args', *arguments])
-    node = Node('stop', context=context, namespace=namespace or None, use_global_arguments=True)
+    with shared_memory.dead_ports_held():
+        node = Node('stop', context=context, namespace=namespace or None,
+                    use_global_arguments=True)
     spinner = executor.make_executor(context)
     spinner.add_node(node)
     pattern = re.compile(re.escape(namespace) + r'/(plant|body_\d+)/stop')
