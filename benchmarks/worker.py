@@ -311,18 +311,23 @@ class LaunchedPlant:
 def _lost(launcher, n):
     """Return how many messages monitor and recorder have missed, or recorded too often."""
     recorded = launcher.recorder.counts
-    steps = launcher.plant.stepper.steps + 1
-    sent = {}
+    stepper = launcher.plant.stepper
+    steps = stepper.steps + 1
+    sent = {}  # by topic, at least and at most
     for topic in recorded:
         name = topic.split('/', 2)[-1]
         if name.endswith('cmd_vel'):
             agent = launcher.agents[int(name.split('/')[0].split('_')[1])]
-            sent[topic] = agent.answers + agent.partial_answers + agent.stops
-        elif 'relative_attitude' in name or name == 'formation/attitudes':
-            sent[topic] = steps + launcher.plant.stepper.repetitions
+            sent[topic] = 2 * (agent.answers + agent.partial_answers + agent.stops,)
+        elif 'relative_attitude' in name:
+            # Some repetitions go only to whose answer is missing.
+            sent[topic] = steps + stepper.states_repeated, steps + stepper.repetitions
+        elif name == 'formation/attitudes':
+            sent[topic] = 2 * (steps + stepper.states_repeated,)
         elif name in ('formation/cosines', 'formation/error'):
-            sent[topic] = steps
-    missing = sum(abs(count - recorded[topic]) for topic, count in sent.items())
+            sent[topic] = 2 * (steps,)
+    missing = sum(max(least - recorded[topic], recorded[topic] - most, 0)
+                  for topic, (least, most) in sent.items())
     unheard = (n_topics(n) - len(sent)) * steps
     return missing + unheard + abs(steps - launcher.monitor.observer.count)
 

@@ -130,6 +130,7 @@ class Lockstep(Stepper):
     def __init__(self, plant: Steppable, agents: Sequence[int]) -> None:
         super().__init__(plant, agents)
         self.late = self.repetitions = 0
+        self.states_repeated = 0  # the repetitions that went to everybody, with the state
         self._plant = plant
         self._everybody = sum(1 << i for i in agents)  # agents are bits of integers here
         self._missing = 0  # whose answer is still to come
@@ -299,6 +300,7 @@ class Lockstep(Stepper):
             self._round_trip.take(self._heard_at - self._waiting_since)
             self._heard_at = 0.0
         if since >= self._longest:
+            self.states_repeated += 1
             self._publish()
         elif often and since >= self._round_trip.patience:
             self._plant.repeat(self.stamp, self._missing)
