@@ -14,6 +14,7 @@
 
 """One message of an intruder costs that message: it ends no node, and keeps no true one out."""
 
+from itertools import count
 import math
 
 from builtin_interfaces.msg import Time
@@ -149,14 +150,19 @@ def test_an_agent_that_two_tell_what_it_sees_holds_still_if_that_is_wished_for(p
 def test_what_a_callback_raises_is_counted_reported_and_survived(probe, monkeypatch):
     with Bench(probe, Agent, 1, topology__n=2) as bench:
         publisher = bench.publisher(Vector3Stamped, SEEN)
-        monkeypatch.setattr(bench.node, '_send', lambda _: 1 / 0)
-        publisher.publish(measurement(10**9))
-        bench.wait_for(lambda: bench.node.health.exceptions, 'the error')
-        assert bench.node.health.exceptions > 0
-        bench.node.health.report()
-        assert 'survived ZeroDivisionError' in bench.node.health.message
-        monkeypatch.undo()
-        publisher.publish(measurement(2 * 10**9))
+        with monkeypatch.context() as failing:
+            failing.setattr(bench.node._controller, 'angular_velocity', lambda: 1 / 0)
+            stamps = count(1)
+
+            def reported():
+                # Each report tells of what was survived since the one before.
+                publisher.publish(measurement(next(stamps) * 10**6))
+                return 'survived ZeroDivisionError' in bench.node.health.message
+
+            bench.wait_for(reported, 'the report')
+            assert bench.node.health.exceptions > 0
+            assert not bench.node.answers
+        publisher.publish(measurement(next(stamps) * 10**6))
         bench.wait_for(lambda: bench.node.answers, 'the next answer')
 
 

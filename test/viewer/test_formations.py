@@ -20,7 +20,6 @@ import time
 
 from browser import charts, shown_time, until, wait_for_server
 from harness import interrupt, Probe, run, values
-import numpy as np
 import pytest
 from tetra_ros2.viewer.scene import MOST_AGENTS
 
@@ -168,17 +167,17 @@ def test_lockstep_with_a_view_is_nearly_as_fast(monkeypatch):
     refresh = Viewer._refresh
     monkeypatch.setattr(Viewer, '_refresh', lambda self: active[0] and refresh(self))
     monkeypatch.setattr(Page, 'watched', True)  # it draws; the browser is on another machine
-    ratios = []
+    seconds = {False: [], True: []}
     with Launcher('rotating', seed=1, view=('127.0.0.1', 0)) as formation:
         formation.run_for(5.0)
         watchers = formation.monitor._watchers[:]
-        for _ in range(20):  # in pairs, as a busy machine is never twice as fast
-            seconds = []
-            for active[0] in (False, True):
+        for _ in range(20):
+            for active[0] in seconds:
                 formation.monitor._watchers[:] = watchers if active[0] else []
                 begun = time.process_time()
                 formation.run_for(6.0)
-                seconds.append(time.process_time() - begun)
-            ratios.append(seconds[1] / seconds[0])
-    print(f'with a viewer that draws: {np.median(ratios):.3f} of the processor time without')
-    assert np.median(ratios) < 1.1
+                seconds[active[0]].append(time.process_time() - begun)
+    # The least, as what others do to the caches of a busy machine only ever adds to it.
+    ratio = min(seconds[True]) / min(seconds[False])
+    print(f'with a viewer that draws: {ratio:.3f} of the processor time without')
+    assert ratio < 1.1
