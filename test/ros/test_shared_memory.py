@@ -245,6 +245,20 @@ def test_a_lock_whose_file_somebody_removes_is_locked_again(tmp_path, monkeypatc
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+def test_what_is_printed_while_a_port_is_held_is_no_output_of_the_program(
+        tmp_path, monkeypatch, capfd):
+    (tmp_path / 'fastrtps_port7411').touch()
+    for name, held in (('nothing', set()), ('fastrtps_port7411', {'fastrtps_port7411'})):
+        monkeypatch.setattr(shared_memory, '_mapped_ports', lambda _, name=name: {name})
+        with shared_memory.dead_ports_held(tmp_path) as ports:
+            assert ports == held
+            os.write(1, b'by a library\n')
+        print('by the program', flush=True)
+        told = ('', 'by a library\n') if held else ('by a library\n', '')
+        output, errors = capfd.readouterr()
+        assert (output, errors) == (f'{told[0]}by the program\n', told[1])
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason='only root can give a file to another user')
 def test_what_another_user_left_is_not_touched(tmp_path):
     name = 'fastrtps_' + 'a' * 16

@@ -147,22 +147,28 @@ def test_an_agent_that_two_tell_what_it_sees_holds_still_if_that_is_wished_for(p
         probe.wait_for(lambda: formation.run_for(0.05) and agent.answers > answers, 'its return')
 
 
-def test_what_a_callback_raises_is_counted_reported_and_survived(probe, monkeypatch):
+@pytest.mark.parametrize('at', ['a measurement', 'a timer'])
+def test_what_a_callback_raises_is_counted_reported_and_survived(probe, monkeypatch, at):
     with Bench(probe, Agent, 1, topology__n=2) as bench:
         publisher = bench.publisher(Vector3Stamped, SEEN)
+        stamps = count(1)
+
+        def publish():
+            publisher.publish(measurement(next(stamps) * 10**6))
+
+        def reported():
+            # Each report tells of what was survived since the one before.
+            if at == 'a measurement':
+                publish()
+            return 'survived ZeroDivisionError' in bench.node.health.message
+
         with monkeypatch.context() as failing:
-            failing.setattr(bench.node._controller, 'angular_velocity', lambda: 1 / 0)
-            stamps = count(1)
-
-            def reported():
-                # Each report tells of what was survived since the one before.
-                publisher.publish(measurement(next(stamps) * 10**6))
-                return 'survived ZeroDivisionError' in bench.node.health.message
-
+            method = {'a measurement': 'angular_velocity', 'a timer': 'forget'}[at]
+            failing.setattr(bench.node._controller, method, lambda **_: 1 / 0)
             bench.wait_for(reported, 'the report')
             assert bench.node.health.exceptions > 0
             assert not bench.node.answers
-        publisher.publish(measurement(next(stamps) * 10**6))
+        publish()
         bench.wait_for(lambda: bench.node.answers, 'the next answer')
 
 

@@ -33,7 +33,7 @@ it, it hears nothing. So a new process keeps off the numbers that others still s
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 import fcntl
 import os
 from pathlib import Path
@@ -126,7 +126,7 @@ def dead_ports_held(directory: Path = DIRECTORY) -> Iterator[set[str]]:
     Lock the ports of processes that were killed, and that others still send to.
 
     To Fast DDS a locked port is in use: who makes the first node of a context meanwhile gets
-    another one.
+    another one. Should Fast DDS print an error about that, it goes to the standard error output.
 
     :param directory: where they are
     :yields: their names
@@ -147,10 +147,33 @@ def dead_ports_held(directory: Path = DIRECTORY) -> Iterator[set[str]]:
                         and (descriptor := _lock(lock)) is not None:
                     held[name] = descriptor
             select.select((), (), (), ROUND)  # time.sleep has no end under libfaketime
-        yield set(held)
+        with _standard_output_as_error() if held else nullcontext():
+            yield set(held)
     finally:
         for name, descriptor in held.items():
             _unlock(directory / f'{name}_el', descriptor)
+
+
+@contextmanager
+def _standard_output_as_error() -> Iterator[None]:
+    """
+    Let libraries that print on the standard output print on the other one.
+
+    Fast DDS does, and what a program has there to say may be for another program to read.
+    """
+    sys.stdout.flush()
+    try:
+        there = os.dup(1)
+    except OSError:  # there is none
+        yield
+        return
+    try:
+        os.dup2(2, 1)
+        yield
+        select.select((), (), (), ROUND)  # it prints in a thread of its own
+    finally:
+        os.dup2(there, 1)
+        os.close(there)
 
 
 def _unlock(file: Path, descriptor: int) -> None:
