@@ -245,6 +245,16 @@ def test_a_lock_whose_file_somebody_removes_is_locked_again(tmp_path, monkeypatc
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+def test_a_port_that_is_gone_is_waited_for_and_locked_when_it_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(shared_memory, '_mapped_ports', lambda _: {'fastrtps_port7411'})
+    rounds = iter(range(100))
+    monkeypatch.setattr(select, 'select', lambda *_: (tmp_path / 'fastrtps_port7411').touch()
+                        if next(rounds) == 40 else None)
+    with shared_memory.dead_ports_held(tmp_path) as held:
+        assert held == {'fastrtps_port7411'}
+    assert next(rounds) < 50
+
+
 def test_what_is_printed_while_a_port_is_held_is_no_output_of_the_program(
         tmp_path, monkeypatch, capfd):
     (tmp_path / 'fastrtps_port7411').touch()

@@ -59,6 +59,9 @@ TORN = 2.0
 ROUNDS, ROUND = 5, 0.003
 """How often locks are tried and looked at, and how long it is until the next time [s]."""
 
+MOST_ROUNDS = 60
+"""The same where a port is gone: who sends there makes it again with the next message."""
+
 NEEDED = 16 << 20
 """How much must be free for a formation to use shared memory [bytes]: some twenty processes."""
 
@@ -134,18 +137,24 @@ def dead_ports_held(directory: Path = DIRECTORY) -> Iterator[set[str]]:
     held: dict[str, int] = {}
     candidates = sorted(_mapped_ports(directory))
     try:
-        for _ in range(ROUNDS if candidates else 0):
+        for turn in range(MOST_ROUNDS if candidates else 0):
+            gone = False
             for name in candidates:
                 lock = directory / f'{name}_el'
                 # Who looks whether a port's process lives locks it for a moment, and removes the
                 # file of the lock afterwards: perhaps when this process has it.
                 if name in held and not _is_at(lock, held[name]):
                     os.close(held.pop(name))
+                if name in held:
+                    continue
                 # Without a port the lock would be told as an error; who listens may share one.
-                if name not in held and (directory / name).exists() \
-                        and not (directory / f'{name}_sl').exists() \
+                if not (directory / name).exists():
+                    gone = True
+                elif not (directory / f'{name}_sl').exists() \
                         and (descriptor := _lock(lock)) is not None:
                     held[name] = descriptor
+            if turn >= ROUNDS and not gone:
+                break
             select.select((), (), (), ROUND)  # time.sleep has no end under libfaketime
         with _standard_output_as_error() if held else nullcontext():
             yield set(held)
