@@ -159,8 +159,9 @@ def dead_ports_held(directory: Path = DIRECTORY) -> Iterator[set[str]]:
         with _standard_output_as_error() if held else nullcontext():
             yield set(held)
     finally:
-        for name, descriptor in held.items():
-            _unlock(directory / f'{name}_el', descriptor)
+        # The files stay: who has opened one by now would lock what has no name any more.
+        for descriptor in held.values():
+            os.close(descriptor)
 
 
 @contextmanager
@@ -183,17 +184,6 @@ def _standard_output_as_error() -> Iterator[None]:
     finally:
         os.dup2(there, 1)
         os.close(there)
-
-
-def _unlock(file: Path, descriptor: int) -> None:
-    """Give a lock back; the last who has it removes its file: one without a lock says killed."""
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if _is_at(file, descriptor):
-            file.unlink()
-    except OSError:  # others have it, too
-        pass
-    os.close(descriptor)
 
 
 def _lock(file: Path) -> int | None:
