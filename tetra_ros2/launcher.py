@@ -46,7 +46,6 @@ from tetra_ros2.formation.summary import summarize, Summary
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.nodes.plant import Plant
-from tetra_ros2.ros import shared_memory
 from tetra_ros2.ros.executor import (
     initialize,
     local_by_default,
@@ -183,8 +182,7 @@ class Launcher:
         self._context = Context()
         initialize(self._context, self._for_context)
         self.executor = make_executor(self._context)
-        with shared_memory.dead_ports_held():
-            self.monitor = self._add(Monitor, 'monitor')
+        self.monitor = self._add(Monitor, 'monitor')
         look_for_signals(self.monitor)
         agents = {names.agent(i): i for i in range(1, self.formation.topology.n + 1)}
         for name in sorted(self._without - {names.PLANT, *agents}):

@@ -233,8 +233,7 @@ def run(make_node: Callable[..., FormationNode], config: str | Path | None = Non
     executor = make_executor(context)
     try:
         with until_signalled(executor) as signalled:
-            with shared_memory.dead_ports_held():
-                node = _make(make_node, context=context, **for_node)
+            node = _make(make_node, context=context, **for_node)
             executor.add_node(node)
             look_for_signals(node, signalled)
             spare_collections()
