@@ -89,18 +89,19 @@ def test_a_gimbal_that_can_go_no_further_says_so_and_the_others_go_on(probe, pro
     start(programs, bus, '--option', 'pan_limits=[0.25, 0.35]', '--option',
           'tilt_limits=[-0.25, -0.15]')
     programs.tetra('launcher', '--config', 'rotating', '--mode', 'realtime', '--duration', '300',
-                   '--ros-args', '-p', 'external_bodies:=[4]', '-p', 'seed:=3')
+                   '--ros-args', '-p', 'external_bodies:=[4]', '-p', 'seed:=3',
+                   # On a busy machine poses come late now and then, and nobody's fault.
+                   '-p', 'poses.timeout:=2.0')
     probe.wait_for_health('/body_4', lambda s: 'at a limit' in s.message, 'the limit')
     probe.wait_for_health('/agent_4', lambda s: s.message == 'answering', 'commands')
-    # A second of encoders that say the same: that is a limit, and nothing frozen.
+    # Longer than the time-out encoders say the same: that is a limit, and nothing frozen.
     probe.listen(PoseStamped, 'agent_4/pose')
     poses = probe.received['agent_4/pose']
-    probe.wait_for(lambda: len(poses) > 100 and poses[-1].pose == poses[-100].pose, 'rest')
+    probe.wait_for(lambda: len(poses) > 300 and poses[-1].pose == poses[-300].pose, 'rest')
     reports = len(probe.received['diagnostics'])
     probe.wait_for(lambda: len(probe.received['diagnostics']) > reports + 20, 'reports')
-    # On a busy machine a pose or a measurement comes late now and then.
     for name, right in (('/plant', 'running'), ('/agent_1', 'answering')):
-        probe.wait_for_health(name, lambda s, right=right: s.message == right, right)
+        assert probe.health(name).message == right
     assert not any('frozen' in status.message for array in probe.received['diagnostics']
                    for status in array.status)
 

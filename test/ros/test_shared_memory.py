@@ -270,6 +270,18 @@ def test_what_is_printed_while_a_port_is_held_is_no_output_of_the_program(
         assert (output, errors) == (f'{told[0]}by the program\n', told[1])
 
 
+def test_a_port_is_held_where_the_program_has_no_output_or_nowhere_to_print_errors(tmp_path):
+    (tmp_path / 'fastrtps_port7411').touch()
+    code = ('import os, sys\nfrom pathlib import Path\nfrom tetra_ros2.ros import shared_memory\n'
+            "shared_memory._mapped_ports = lambda _: {'fastrtps_port7411'}\n"
+            'with shared_memory.dead_ports_held(Path(sys.argv[1])) as held:\n    pass\n'
+            'os._exit(40 + len(held))')
+    for redirection in ('>&-', '2>&-', '>&- 2>&-'):
+        done = subprocess.run(['sh', '-c', f'exec "$@" {redirection}', 'sh', sys.executable, '-c',
+                               code, tmp_path], timeout=DEADLINE, check=False)
+        assert done.returncode == 41, redirection
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason='only root can give a file to another user')
 def test_what_another_user_left_is_not_touched(tmp_path):
     name = 'fastrtps_' + 'a' * 16

@@ -35,6 +35,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from rclpy.utilities import get_default_context
 from tetra_ros2.ros import shared_memory
 from tetra_ros2.ros.diagnostics import Assessment, Health
 
@@ -75,7 +76,7 @@ class FormationNode(Node):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         # The first node of a context makes a participant of DDS, with ports of its own.
-        first = kwargs.get('context') not in _inhabited
+        first = (kwargs.get('context') or get_default_context()) not in _inhabited
         with shared_memory.dead_ports_held() if first else nullcontext():
             super().__init__(*args, **kwargs)
         _inhabited.add(self.context)

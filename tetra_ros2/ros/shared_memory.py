@@ -29,11 +29,12 @@ Fast DDS 2.14 itself splits a port in two now and then. Who still sends to a pro
 killed makes a port under the dead one's number with every message, and removes it with the next
 one, together with the mutex that was to keep others from doing so meanwhile. A new process that
 takes that number while several do this may be left with a port whose name is gone: nobody finds
-it, it hears nothing. So a new process keeps off the numbers that others still send to.
+it, it hears nothing. So a new process keeps off the numbers that others still send to. Those from
+7000 on are shared by all ROS domains of a machine.
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 import fcntl
 import os
 from pathlib import Path
@@ -171,14 +172,16 @@ def _standard_output_as_error() -> Iterator[None]:
 
     Fast DDS does, and what a program has there to say may be for another program to read.
     """
-    sys.stdout.flush()
+    if sys.stdout is not None:
+        sys.stdout.flush()
     try:
         there = os.dup(1)
-    except OSError:  # there is none
+    except OSError:  # nobody reads it
         yield
         return
     try:
-        os.dup2(2, 1)
+        with suppress(OSError):  # nobody reads the other one
+            os.dup2(2, 1)
         yield
         select.select((), (), (), ROUND)  # it prints in a thread of its own
     finally:
