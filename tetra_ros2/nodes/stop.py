@@ -23,7 +23,7 @@ from typing import Any
 from rclpy.context import Context
 from rclpy.node import Node
 from std_srvs.srv import SetBool
-from tetra_ros2.ros import executor, shared_memory
+from tetra_ros2.ros import executor
 
 PATIENCE = 10.0
 """
@@ -48,9 +48,7 @@ def main(data: bool, namespace: str = '', arguments: Sequence[str] = ()) -> int:
     executor.look_around()
     context = Context()
     executor.initialize(context, ['--ros-args', *arguments])
-    with shared_memory.dead_ports_held():
-        node = Node('stop', context=context, namespace=namespace or None,
-                    use_global_arguments=True)
+    node = Node('stop', context=context, namespace=namespace or None, use_global_arguments=True)
     spinner = executor.make_executor(context)
     spinner.add_node(node)
     pattern = re.compile(re.escape(namespace) + r'/(plant|body_\d+)/stop')

@@ -17,15 +17,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext
 from copy import copy
 from functools import partial
 from typing import Any, TYPE_CHECKING
-from weakref import WeakSet
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.context import Context
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -35,16 +32,10 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
-from rclpy.utilities import get_default_context
-from tetra_ros2.ros import shared_memory
 from tetra_ros2.ros.diagnostics import Assessment, Health
 
 if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
-
-
-_inhabited: WeakSet[Context] = WeakSet()
-"""The contexts that have a node of ours, and so a participant of DDS, already."""
 
 
 def raw_publish(publisher: Publisher) -> Callable[[bytes], None]:
@@ -75,11 +66,7 @@ class FormationNode(Node):
             """Destroy the node."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        # The first node of a context makes a participant of DDS, with ports of its own.
-        first = (kwargs.get('context') or get_default_context()) not in _inhabited
-        with shared_memory.dead_ports_held() if first else nullcontext():
-            super().__init__(*args, **kwargs)
-        _inhabited.add(self.context)
+        super().__init__(*args, **kwargs)
         self.inputs: list[Subscription] = []
         self.outputs: list[Publisher] = []
         self._queued: list[Subscription] = []  # those that this node reads itself

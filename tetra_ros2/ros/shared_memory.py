@@ -20,26 +20,16 @@ the same name and ``_el`` that it locks as long as it lives. The system takes th
 the process is gone, however it went; the segment stays until somebody removes it. Where no room
 is left for a new one, the process that touches it is killed with SIGBUS.
 
-Ports are not removed: their names are numbers, the next process with the same number takes them
-over, and to remove one while that happens would split it in two. But for a torn one: a process
+Ports are left alone: their names are numbers, the next process with the same number takes them
+over, and to remove one while that happens would split it in two. But not a torn one: a process
 that is killed while it makes a port leaves a file without content, and whoever wants that number
 next would wait for the content, for good and without a word.
-
-Fast DDS 2.14 itself splits a port in two now and then. Who still sends to a process that was
-killed makes a port under the dead one's number with every message, and removes it with the next
-one, together with the mutex that was to keep others from doing so meanwhile. A new process that
-takes that number while several do this may be left with a port whose name is gone: nobody finds
-it, it hears nothing. So a new process keeps off the numbers that others still send to. Those from
-7000 on are shared by all ROS domains of a machine.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
 import fcntl
 import os
 from pathlib import Path
 import re
-import select
 import struct
 import sys
 import time
@@ -57,21 +47,12 @@ Between the making of a segment and its lock there is a moment in which it looks
 TORN = 2.0
 """How long to wait for a port that is being made before it is taken to be torn [s]."""
 
-ROUNDS, ROUND = 5, 0.003
-"""How often locks are tried and looked at, and how long it is until the next time [s]."""
-
-MOST_ROUNDS = 60
-"""The same where a port is gone: who sends there makes it again with the next message."""
-
 NEEDED = 16 << 20
 """How much must be free for a formation to use shared memory [bytes]: some twenty processes."""
 
 _LOCK = re.compile('(fastrtps_[0-9a-f]{16})_el')
 _SEGMENT = re.compile('fastrtps_[0-9a-f]{16}')
 _PORT = re.compile('fastrtps_port[0-9]+')
-# A line of /proc/PID/maps: device and name.
-_MAPPED_PORT = re.compile(
-    rb' ([0-9a-f]+:[0-9a-f]+) [0-9]+ +/.*/(fastrtps_port[0-9]+)(?: \(deleted\))?$', re.MULTILINE)
 _STATE = struct.Struct('<I')  # what boost::interprocess has in front of the content
 _MADE = 2
 _TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
@@ -122,116 +103,6 @@ def remove_torn_ports(directory: Path = DIRECTORY, patience: float = TORN) -> in
         except OSError:  # gone, or not ours
             continue
     return removed
-
-
-@contextmanager
-def dead_ports_held(directory: Path = DIRECTORY) -> Iterator[set[str]]:
-    """
-    Lock the ports of processes that were killed, and that others still send to.
-
-    To Fast DDS a locked port is in use: who makes the first node of a context meanwhile gets
-    another one. Should Fast DDS print an error about that, it goes to the standard error output.
-
-    :param directory: where they are
-    :yields: their names
-    """
-    held: dict[str, int] = {}
-    candidates = sorted(_mapped_ports(directory))
-    try:
-        for turn in range(MOST_ROUNDS if candidates else 0):
-            gone = False
-            for name in candidates:
-                lock = directory / f'{name}_el'
-                # Who looks whether a port's process lives locks it for a moment, and removes the
-                # file of the lock afterwards: perhaps when this process has it.
-                if name in held and not _is_at(lock, held[name]):
-                    os.close(held.pop(name))
-                if name in held:
-                    continue
-                # Without a port the lock would be told as an error; who listens may share one.
-                if not (directory / name).exists():
-                    gone = True
-                elif not (directory / f'{name}_sl').exists() \
-                        and (descriptor := _lock(lock)) is not None:
-                    held[name] = descriptor
-            if turn >= ROUNDS and not gone:
-                break
-            select.select((), (), (), ROUND)  # time.sleep has no end under libfaketime
-        with _standard_output_as_error() if held else nullcontext():
-            yield set(held)
-    finally:
-        # The files stay: who has opened one by now would lock what has no name any more.
-        for descriptor in held.values():
-            os.close(descriptor)
-
-
-@contextmanager
-def _standard_output_as_error() -> Iterator[None]:
-    """
-    Let libraries that print on the standard output print on the other one.
-
-    Fast DDS does, and what a program has there to say may be for another program to read.
-    """
-    if sys.stdout is not None:
-        sys.stdout.flush()
-    try:
-        there = os.dup(1)
-    except OSError:  # nobody reads it
-        yield
-        return
-    try:
-        with suppress(OSError):  # nobody reads the other one
-            os.dup2(2, 1)
-        yield
-        select.select((), (), (), ROUND)  # it prints in a thread of its own
-    finally:
-        os.dup2(there, 1)
-        os.close(there)
-
-
-def _lock(file: Path) -> int | None:
-    """Lock a file, which is made if it is not there; return its descriptor, or None."""
-    try:
-        descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
-    except OSError:  # it is not ours
-        return None
-    try:
-        # Shared with others that are starting; Fast DDS wants it for itself.
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:  # somebody lives there
-        pass
-    else:
-        if _is_at(file, descriptor):
-            return descriptor
-    os.close(descriptor)
-    return None
-
-
-def _is_at(file: Path, descriptor: int) -> bool:
-    """Return whether a path is still that of an open file."""
-    try:
-        return os.path.samestat(file.stat(), os.fstat(descriptor))
-    except OSError:
-        return False
-
-
-def _mapped_ports(directory: Path) -> set[str]:
-    """Return the names of the ports that the processes which may be looked at have open."""
-    try:
-        device = directory.stat().st_dev
-    except OSError:
-        return set()
-    # A container may have a directory of that name of its own.
-    there = f'{os.major(device):02x}:{os.minor(device):02x}'.encode()
-    found = set()
-    for process in Path('/proc').glob('[0-9]*'):
-        try:
-            maps = (process / 'maps').read_bytes()
-        except OSError:  # gone, or somebody else's
-            continue
-        found |= {os.fsdecode(name) for where, name in _MAPPED_PORT.findall(maps)
-                  if where == there}
-    return found
 
 
 def _names(directory: Path) -> list[str]:
