@@ -49,6 +49,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosbags.rosbag2 import Reader
 from tetra_ros2.recording import recover
+from tetra_ros2.ros import ports
 
 PROMISE = 1.0
 """How old a message may be that is lost [s]."""
@@ -95,6 +96,7 @@ class Listener:
         self.context = Context()
         self.context.init(domain_id=domain)
         node = Node('listener', context=self.context)
+        ports.reopen_lost(new=True)
         node.create_subscription(PoseArray, 'formation/attitudes', self._hear, 1000, raw=True)
         node.create_subscription(DiagnosticArray, 'diagnostics', self._note, 1000)
         self._executor = SingleThreadedExecutor(context=self.context)
@@ -133,6 +135,7 @@ class Listener:
     def _listen(self):
         while not self._ending:
             self._executor.spin_once(timeout_sec=0.1)
+            ports.reopen_lost()
 
     def close(self):
         """Listen no more."""

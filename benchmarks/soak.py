@@ -44,6 +44,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from tetra_ros2.ros import ports
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -158,6 +159,7 @@ def visit(domain: int) -> bool:
     context = Context()
     context.init(domain_id=domain)
     node = Node('visitor', context=context)
+    ports.reopen_lost(new=True)
     try:
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
@@ -170,6 +172,7 @@ def visit(domain: int) -> bool:
             if answer is None and client.service_is_ready():
                 answer = client.call_async(GetParameters.Request(names=['rate']))
             executor.spin_once(timeout_sec=0.1)
+            ports.reopen_lost()
         executor.shutdown()
         return bool(heard) and answer is not None and answer.done()
     finally:

@@ -16,7 +16,7 @@
 Looking at a formation from outside: processes to start, and a plain node to listen with.
 
 The node uses message objects and rclpy's default executor, as somebody else's would, and nothing
-of the package under test but the names of topics.
+of the package under test but what keeps it from being deaf after processes were killed.
 """
 
 from collections import defaultdict
@@ -31,6 +31,7 @@ import numpy as np
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from tetra_ros2.ros import ports
 
 DEADLINE = 60.0
 """How long anything may take [s]; far more than it does."""
@@ -43,6 +44,7 @@ class Probe:
         self.context = Context()
         self.context.init()
         self.node = Node('probe', context=self.context, namespace=namespace)
+        ports.reopen_lost(new=True)  # the test before may have killed processes
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.received = defaultdict(list)
@@ -65,6 +67,7 @@ class Probe:
         while not (result := condition()):
             assert time.monotonic() < deadline, f'{what}: not within {timeout} s{self._told()}'
             self.executor.spin_once(timeout_sec=0.1)
+            ports.reopen_lost()
         return result
 
     def _told(self):

@@ -48,9 +48,9 @@ from tetra_ros2.nodes.monitor import Monitor
 from tetra_ros2.nodes.plant import Plant
 from tetra_ros2.ros.executor import (
     initialize,
+    keep_watch,
     local_by_default,
     look_around,
-    look_for_signals,
     make_executor,
     spin_some,
 )
@@ -183,7 +183,7 @@ class Launcher:
         initialize(self._context, self._for_context)
         self.executor = make_executor(self._context)
         self.monitor = self._add(Monitor, 'monitor')
-        look_for_signals(self.monitor)
+        keep_watch(self.monitor)
         agents = {names.agent(i): i for i in range(1, self.formation.topology.n + 1)}
         for name in sorted(self._without - {names.PLANT, *agents}):
             raise ConfigurationError(

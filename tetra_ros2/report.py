@@ -33,7 +33,7 @@ from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation.summary import Spin, Summary
 from tetra_ros2.launcher import Launcher, STALL_TIMEOUT
 from tetra_ros2.nodes.plant import Plant
-from tetra_ros2.ros.executor import look_for_signals, spin_some, until_signalled
+from tetra_ros2.ros.executor import keep_watch, spin_some, until_signalled
 
 REFRESH_PERIOD = 0.1
 """How often the progress is drawn [s]."""
@@ -71,7 +71,7 @@ def main(arguments: argparse.Namespace, config: str | Path,
         view=(arguments.host, arguments.port, arguments.read_only) if arguments.view else None,
         ros_arguments=ros_arguments)
     with launcher, until_signalled(launcher.executor) as signalled:
-        look_for_signals(launcher.monitor, signalled)
+        keep_watch(launcher.monitor, signalled)
         interrupt = signalled.future
         if arguments.view:
             _keep_pace(launcher.plant)

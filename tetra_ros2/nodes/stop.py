@@ -23,7 +23,7 @@ from typing import Any
 from rclpy.context import Context
 from rclpy.node import Node
 from std_srvs.srv import SetBool
-from tetra_ros2.ros import executor
+from tetra_ros2.ros import executor, ports
 
 PATIENCE = 10.0
 """
@@ -49,6 +49,7 @@ def main(data: bool, namespace: str = '', arguments: Sequence[str] = ()) -> int:
     context = Context()
     executor.initialize(context, ['--ros-args', *arguments])
     node = Node('stop', context=context, namespace=namespace or None, use_global_arguments=True)
+    ports.reopen_lost(new=True)
     spinner = executor.make_executor(context)
     spinner.add_node(node)
     pattern = re.compile(re.escape(namespace) + r'/(plant|body_\d+)/stop')
@@ -68,6 +69,7 @@ def main(data: bool, namespace: str = '', arguments: Sequence[str] = ()) -> int:
             answered = all(name in asked and asked[name].done() for name in clients)
             if clients and answered and now - last > SETTLED:
                 break
+            ports.reopen_lost()
             spinner.spin_once(timeout_sec=0.02)
         missed = 0
         for name in sorted(clients):

@@ -31,7 +31,7 @@ from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.task import Future
 from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
-from tetra_ros2.ros import shared_memory
+from tetra_ros2.ros import ports, shared_memory
 
 if TYPE_CHECKING:
     from tetra_ros2.ros.node import FormationNode
@@ -53,7 +53,7 @@ its queue is empty: what must happen meanwhile belongs in a timer, and what must
 in a future.
 """
 
-SIGNAL_PERIOD = 0.1
+WATCH_PERIOD = 0.1
 """How long a signal may wait in an idle process [s]."""
 
 LARGEST_DOMAIN = 232
@@ -112,14 +112,23 @@ class Signalled:
             self.future.set_result(self._came[0])
 
 
-def look_for_signals(node: FormationNode, signalled: Signalled | None = None) -> None:
+def keep_watch(node: FormationNode, signalled: Signalled | None = None) -> None:
     """
-    Have a timer of a node run now and then, as Python sees signals only while it runs.
+    Have a timer of a node look for signals, and for ports that others cannot find any more.
+
+    Python sees signals only while it runs.
 
     :param signalled: what a signal completes, if it does not raise anything
     """
-    look = (lambda: None) if signalled is None else signalled.look
-    node.create_steady_timer(SIGNAL_PERIOD, look)
+    def look() -> None:
+        if signalled is not None:
+            signalled.look()
+        if lost := ports.reopen_lost():
+            node.get_logger().warning(
+                f'new nodes could not find {" and ".join(lost)} in shared memory, and would not '
+                'have been heard; opened again')
+
+    node.create_steady_timer(WATCH_PERIOD, look)
 
 
 def spare_collections() -> None:
@@ -137,7 +146,7 @@ def until_signalled(executor: Executor) -> Iterator[Signalled]:
     """
     Give a future that the first SIGINT or SIGTERM completes; those that follow do nothing.
 
-    A node has to look for them, see :func:`look_for_signals`.
+    A node has to look for them, see :func:`keep_watch`.
 
     rclpy's own handlers shut the context down at once, after which a node can no longer say what
     it has to: a last command of zero, the end of a recording. When this is left, the process is
@@ -235,7 +244,7 @@ def run(make_node: Callable[..., FormationNode], config: str | Path | None = Non
         with until_signalled(executor) as signalled:
             node = _make(make_node, context=context, **for_node)
             executor.add_node(node)
-            look_for_signals(node, signalled)
+            keep_watch(node, signalled)
             spare_collections()
             try:
                 while not signalled.future.done():

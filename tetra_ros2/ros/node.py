@@ -32,6 +32,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from tetra_ros2.ros import ports
 from tetra_ros2.ros.diagnostics import Assessment, Health
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class FormationNode(Node):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        ports.reopen_lost(new=True)  # the first node of a context makes some
         self.inputs: list[Subscription] = []
         self.outputs: list[Publisher] = []
         self._queued: list[Subscription] = []  # those that this node reads itself

@@ -1,0 +1,174 @@
+# Copyright 2026 The tetra_ros2 authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Ports in shared memory that lose their names, and are opened again."""
+
+from contextlib import contextmanager
+import fcntl
+import mmap
+import os
+from pathlib import Path
+import struct
+import time
+
+from harness import DEADLINE, interrupt, Probe
+import pytest
+from rcl_interfaces.srv import GetParameters
+from rclpy.context import Context
+from rclpy.node import Node
+from tetra_ros2.ros import ports
+from tetra_ros2.ros.shared_memory import DIRECTORY
+
+pytestmark = pytest.mark.skipif(not DIRECTORY.is_dir(), reason='there is no /dev/shm')
+
+NAME = 'fastrtps_port64999'
+"""A port that no ROS domain has."""
+
+
+def ports_of(pid):
+    """Return the names of the ports that a process listens on."""
+    links = [os.readlink(f) for f in Path(f'/proc/{pid}/fd').iterdir() if f.is_symlink()]
+    return {Path(link).name.removesuffix('_el') for link in links
+            if '/fastrtps_port' in link and link.endswith('_el')}
+
+
+def until(condition):
+    deadline = time.monotonic() + DEADLINE
+    while not (result := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return result
+
+
+def test_a_running_node_that_nobody_can_find_any_more_is_found_again(processes):
+    agent = processes.tetra('agent', '--id', '1')
+    until(lambda: len(ports_of(agent.pid)) == 2)
+    with Probe() as probe:
+        probe.wait_for(lambda: 'agent_1' in probe.node.get_node_names(), 'an agent')
+    lost = ports_of(agent.pid)
+    for name in lost:
+        (DIRECTORY / name).unlink()
+    with Probe() as probe:
+        answer = probe.call(GetParameters, 'agent_1/get_parameters',
+                            GetParameters.Request(names=['use_sim_time']))
+    assert len(answer.values) == 1
+    status, output = interrupt(agent)
+    assert status == 0
+    assert all(name in output for name in lost)
+    assert 'opened again' in output
+
+
+def test_a_port_that_was_lost_is_opened_again_within_a_moment():
+    context = Context()
+    context.init()
+    node = Node('lodger', context=context)
+    try:
+        assert ports.reopen_lost(new=True) == []
+        mine = ports_of(os.getpid())
+        for name in mine:
+            (DIRECTORY / name).unlink()
+        assert set(ports.reopen_lost()) == mine
+        assert ports.reopen_lost() == [], 'Fast DDS is about to, or has'
+        until(lambda: ports.reopen_lost() == [] and -1 not in ports._found.values())
+        assert ports_of(os.getpid()) == mine
+        assert all((DIRECTORY / name).exists() for name in mine)
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def head(number=64999, listeners=1, healthy=1000, wait=333, capacity=512, waiting=1, flags=7):
+    return struct.pack('<7I', number, listeners, healthy, wait, capacity, waiting, flags)
+
+
+@contextmanager
+def mapped(content, at=4 * 9 + 4 * 20, named=True):
+    """Give the memory of a port with this in it; its name is kept, or gone."""
+    path = DIRECTORY / NAME
+    path.unlink(missing_ok=True)
+    with path.open('w+b') as file:
+        file.truncate(8192)
+        with mmap.mmap(file.fileno(), 8192) as memory:
+            memory[at:at + len(content)] = content
+            if not named:
+                path.unlink()
+            try:
+                yield memory[:], memory
+            finally:
+                path.unlink(missing_ok=True)
+
+
+@pytest.fixture
+def lock():
+    """Listen on the port, as far as its lock tells."""
+    path = DIRECTORY / f'{NAME}_el'
+    with path.open('w') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+    path.unlink()
+    ports.reopen_lost(new=True)
+
+
+@pytest.mark.usefixtures('lock')
+def test_one_bit_is_cleared_of_a_lost_port():
+    with mapped(head(), named=False) as (before, memory):
+        assert ports.reopen_lost(new=True) == [NAME]
+        changed = [k for k in range(8192) if memory[k] != before[k]]
+        assert changed == [4 * 9 + 4 * 20 + 24]
+        assert memory[changed[0]] == 6
+        assert ports.reopen_lost() == [], 'Fast DDS knows by now'
+
+
+@pytest.mark.usefixtures('lock')
+def test_a_port_with_its_name_is_left_alone():
+    with mapped(head()) as (before, memory):
+        assert ports.reopen_lost(new=True) == []
+        assert ports._found[NAME] == os.stat(DIRECTORY / NAME).st_ino
+        assert memory[:] == before
+
+
+@pytest.mark.usefixtures('lock')
+def test_a_port_of_that_name_that_this_process_only_sends_to_does_not_count():
+    with mapped(head(), named=False) as (_, lost), \
+            mapped(head(listeners=0, waiting=0, flags=1)) as (before, other):
+        assert ports.reopen_lost(new=True) == [NAME]
+        assert lost[4 * 9 + 4 * 20 + 24] == 6
+        assert other[:] == before
+
+
+@pytest.mark.usefixtures('lock')
+@pytest.mark.parametrize('content', [
+    b'', head(number=64998), head(healthy=900), head(healthy=0, wait=0), head(capacity=0),
+    head(listeners=2000), head(waiting=2)], ids=str)
+def test_what_does_not_look_like_a_port_is_left_alone(content):
+    with mapped(content, named=False) as (before, memory):
+        assert ports.reopen_lost(new=True) == []
+        assert memory[:] == before
+    with mapped(content) as (before, memory):
+        assert ports.reopen_lost(new=True) == []
+        assert memory[:] == before
+
+
+@pytest.mark.usefixtures('lock')
+def test_the_figures_are_looked_for_where_they_can_be_only():
+    with mapped(head(), at=4 * 9 + 4 * 20 + 4, named=False) as (before, memory):
+        assert ports.reopen_lost(new=True) == []
+        assert memory[:] == before
+
+
+def test_another_system_has_no_such_ports(tmp_path, monkeypatch):
+    monkeypatch.setattr(ports, '_PROCESS', tmp_path)
+    monkeypatch.setattr(ports, '_found', {NAME: 1})
+    assert ports.reopen_lost(new=True) == []
+    assert ports._found == {}
