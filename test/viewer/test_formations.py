@@ -16,6 +16,7 @@
 
 from pathlib import Path
 import socket
+import statistics
 import time
 
 from browser import charts, shown_time, until, wait_for_server
@@ -167,17 +168,19 @@ def test_lockstep_with_a_view_is_nearly_as_fast(monkeypatch):
     refresh = Viewer._refresh
     monkeypatch.setattr(Viewer, '_refresh', lambda self: active[0] and refresh(self))
     monkeypatch.setattr(Page, 'watched', True)  # it draws; the browser is on another machine
-    seconds = {False: [], True: []}
+    ratios = []
     with Launcher('rotating', seed=1, view=('127.0.0.1', 0)) as formation:
         formation.run_for(5.0)
         watchers = formation.monitor._watchers[:]
-        for _ in range(8):
-            for active[0] in seconds:
+        for k in range(40):
+            seconds = {}
+            # Each is first as often as the other, as what else the machine does comes and goes.
+            for active[0] in ((False, True), (True, False))[k % 2]:
                 formation.monitor._watchers[:] = watchers if active[0] else []
                 begun = time.process_time()
-                formation.run_for(20.0)  # long enough for several pictures
-                seconds[active[0]].append(time.process_time() - begun)
-    # The least, as what others do to the caches of a busy machine only ever adds to it.
-    ratio = min(seconds[True]) / min(seconds[False])
+                formation.run_for(10.0)  # long enough for a picture or two
+                seconds[active[0]] = time.process_time() - begun
+            ratios.append(seconds[True] / seconds[False])
+    ratio = statistics.median(ratios)
     print(f'with a viewer that draws: {ratio:.3f} of the processor time without')
     assert ratio < 1.1
