@@ -120,6 +120,16 @@ def test_a_pose_topic_of_another_type_is_refused_before_anything_is_started(prob
                       'geometry_msgs/msg/PoseArray, expected geometry_msgs/msg/PoseStamped\n')
 
 
+def test_poses_of_another_type_that_come_later_are_told_of(probe, programs):
+    programs.tetra('sensors')
+    probe.wait_for_health('/sensors', lambda s: 'agent_2: ' in s.message, 'waiting')
+    publisher = probe.node.create_publisher(PoseArray, 'agent_2/pose', 1)
+    told = '/agent_2/pose is of type geometry_msgs/msg/PoseArray, expected'
+    probe.wait_for_health('/sensors', lambda s: told in s.message, 'what it is')
+    probe.node.destroy_publisher(publisher)
+    probe.wait_for_health('/sensors', lambda s: told not in s.message, 'that it is gone')
+
+
 # ---------------------------------------------------------------- without another process
 
 class Listener(Node):
@@ -147,7 +157,8 @@ def listener(probe):
 
 
 def make(listener, monkeypatch, **given):
-    monkeypatch.setattr(poses, 'LOOK', 0.0)
+    monkeypatch.setattr(poses, 'LOOKS', 1)
+    monkeypatch.setattr(poses, 'PAUSE', 0.0)
     values = check_parameters('sensors', {k.replace('__', '.'): v for k, v in given.items()})
     return poses.Poses(listener, values, range(1, 5), 4)
 

@@ -26,12 +26,15 @@ from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation._types import Quaternion, Vector
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.tracking import FROZEN, TRACKED, Tracker, WAITING
-from tetra_ros2.ros import qos
+from tetra_ros2.ros import ports, qos
 from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.wire import names
 
-LOOK = 3.0
-"""How long to look for who publishes poses, and of which type, before listening [s]."""
+LOOKS, PAUSE = 60, 0.05
+"""
+How often to look for who publishes poses, and of which type, before listening; and the time
+between two looks [s]. Not for how long: a machine that is busy finds others later.
+"""
 
 REPORT_AGAIN = 0.2
 """How long after a report of lost bodies the next one may wait for its turn [s]."""
@@ -62,6 +65,7 @@ class Poses:
         self._lost: frozenset[int] = frozenset(self.trackers)
         self._reported_at = -math.inf
         self._topics: dict[int, str] = {}  # of the bodies that have one each
+        self._wanted: dict[str, str] = {}  # what type each topic should have
         source, topic = values['poses.source'], values['poses.topic']
         if source == 'tf':
             self._listen_to_transforms()
@@ -74,25 +78,28 @@ class Poses:
             self._topics = {i: every[i + 1] for i in self.trackers}
             topics = {name: self._receiver(i) for i, name in self._topics.items()}
             kind = PoseStamped
-        self._refuse_other_types(topics, kind)
+        self._wanted = {
+            expand_topic_name(name, node.get_name(), node.get_namespace()):
+            f'geometry_msgs/msg/{kind.__name__}' for name in topics}
+        self._refuse_other_types()
         for name, callback in topics.items():
             node.listen(kind, name, callback, qos.SENSORS)
 
-    def _refuse_other_types(self, topics: Collection[str], kind: type) -> None:
-        wanted = f'geometry_msgs/msg/{kind.__name__}'
-        full = [expand_topic_name(name, self._node.get_name(), self._node.get_namespace())
-                for name in topics]
-        deadline = time.monotonic() + LOOK
-        while True:
-            found = dict(self._node.get_topic_names_and_types())
-            for name in full:
-                others = [t for t in found.get(name, ()) if t != wanted]
-                if others:
-                    raise ConfigurationError(
-                        f'{name} is of type {others[0]}, expected {wanted}', key='poses.topic')
-            if all(name in found for name in full) or time.monotonic() > deadline:
+    def _refuse_other_types(self) -> None:
+        for _ in range(LOOKS):
+            for other in self._other_types():
+                raise ConfigurationError(other, key='poses.topic')
+            if self._wanted.keys() <= dict(self._node.get_topic_names_and_types()).keys():
                 return
-            time.sleep(0.05)  # the middleware learns of others in a thread of its own
+            time.sleep(PAUSE)  # the middleware learns of others in a thread of its own
+            ports.reopen_lost()  # as the timer that does so is not running yet
+
+    def _other_types(self) -> list[str]:
+        """Return what is published on a topic of poses and is none, in words."""
+        found = dict(self._node.get_topic_names_and_types())
+        return [f'{name} is of type {other}, expected {wanted}'
+                for name, wanted in self._wanted.items()
+                for other in found.get(name, ()) if other != wanted]
 
     def _listen_to_transforms(self) -> None:
         try:
@@ -194,6 +201,8 @@ class Poses:
             values[f'jumps of {names.agent(i + 1)}'] = tracker.jumps
             if state != TRACKED:
                 problems.append(f'{names.agent(i + 1)}: {state}')
+        if self.waiting:  # perhaps for somebody who has come since, with something else
+            problems += self._other_types()
         return ', '.join(problems), values
 
     @property
