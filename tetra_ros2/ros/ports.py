@@ -57,8 +57,15 @@ class _Mapping(NamedTuple):
     inode: int
 
 
+_MOST_LOOKS = 100
+"""How often to look for one that is not listened on: while it is opened again, it is not either."""
+
 _found: dict[str, int] = {}
-"""The ports on which this process listens and that others can find, and the inodes of them."""
+"""
+The ports on which this process listens.
+
+The inode of each that others can find, otherwise, below 0, how often that was looked at in vain.
+"""
 
 
 def reopen_lost(new: bool = False) -> list[str]:
@@ -79,7 +86,11 @@ def reopen_lost(new: bool = False) -> list[str]:
                 and all(_inode(name) == inode for name, inode in _found.items()):
             return []
         mappings = _mappings()
-        for name in _listened():
+        listened = set(_listened())
+        for name in _found.keys() - listened:
+            if (looks := max(0, -_found[name])) < _MOST_LOOKS:
+                found[name] = -looks - 1
+        for name in listened:
             there = _inode(name)
             heads = [(mapping, _head(name, mapping)) for mapping in mappings.get(name, ())]
             # One that is not recognised may be all right.
@@ -87,7 +98,7 @@ def reopen_lost(new: bool = False) -> list[str]:
                    for mapping, head in heads):
                 found[name] = there
                 continue
-            found[name] = -1  # look again the next time
+            found[name] = -1
             for mapping, head in heads:
                 if mapping.inode != there and head is not None and _hears(head[1]):
                     _declare_broken(*head)
