@@ -176,6 +176,4 @@ def test_the_figures_are_looked_for_where_they_can_be_only():
 
 def test_another_system_has_no_such_ports(tmp_path, monkeypatch):
     monkeypatch.setattr(ports, '_PROCESS', tmp_path)
-    monkeypatch.setattr(ports, '_found', {NAME: 1})
     assert ports.reopen_lost(new=True) == []
-    assert ports._found == {}

@@ -58,7 +58,7 @@ class _Mapping(NamedTuple):
 
 
 _MOST_LOOKS = 100
-"""How often to look for one that is not listened on: while it is opened again, it is not either."""
+"""How often to look for one that is not listened on, as it is not while it is opened again."""
 
 _found: dict[str, int] = {}
 """
@@ -103,8 +103,8 @@ def reopen_lost(new: bool = False) -> list[str]:
                 if mapping.inode != there and head is not None and _hears(head[1]):
                     _declare_broken(*head)
                     lost.append(name)
-    except OSError:  # another system than Linux, or not allowed
-        pass
+    except OSError:  # closed meanwhile; or another system than Linux, or not allowed
+        return lost
     _found = found
     return lost
 
