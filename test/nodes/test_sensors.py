@@ -28,7 +28,8 @@ from tetra_ros2.wire import cdr
 
 @pytest.fixture
 def bench(probe, monkeypatch):
-    monkeypatch.setattr(poses, 'LOOK', 0.0)
+    monkeypatch.setattr(poses, 'LOOKS', 1)
+    monkeypatch.setattr(poses, 'PAUSE', 0.0)
     # The timer is not to fire by itself: the test does.
     with Bench(probe, Sensors, rate=0.01, topology__n=3, poses__timeout=60.0,
                poses__frozen_angle=0.5) as made:
