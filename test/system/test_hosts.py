@@ -172,6 +172,8 @@ def _pace(net, loss):
     """
     net.hosts.network()
     share = min(1.0, net.steps_per_second(100.0, 1.0) / 500.0)
+    if share == 0.0:
+        return 0.0  # it was not running at all, which tells nothing
     net.hosts.network(loss=loss)
     net.watcher.wait(lambda: False, 1.0)
     return net.steps_per_second(100.0, 2.0) / share

@@ -101,14 +101,19 @@ def test_a_measurement_from_the_future_blinds_no_agent(formation, probe, ahead):
 
 @pytest.mark.parametrize('ahead', [2e-9, 0.01, 0.45, 5.0])
 def test_a_command_that_answers_no_measurement_yet_made_moves_nobody(formation, probe, ahead):
-    before = formation.plant.health.rejected.total()
-
     def forged():
         # Far enough ahead to stay so until it arrives.
         return command(formation.plant.stepper.stamp + round(1e9 * ahead) + 200_000_000)
 
-    speak(formation, probe, TwistStamped, 'agent_1/cmd_vel', forged, times=3)
-    assert formation.plant.health.rejected.total() > before
+    for _ in range(5):
+        before = formation.plant.health.rejected.total()
+        speak(formation, probe, TwistStamped, 'agent_1/cmd_vel', forged, times=3)
+        if formation.plant.health.rejected.total() > before and formation.error < 1e-3:
+            break
+        # The machine is so busy that they came too late, and were not ahead any more.
+        assert formation.run_until(lambda: formation.error < 1e-3, timeout=30.0)
+    else:
+        pytest.fail('none was refused')
     assert any('future' in reason for reason in formation.plant.health.rejected)
     assert formation.error < 1e-3
 
