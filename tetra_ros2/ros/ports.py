@@ -100,8 +100,8 @@ def reopen_lost(new: bool = False) -> list[str]:
                 continue
             found[name] = -1
             for mapping, head in heads:
-                if mapping.inode != there and head is not None and _hears(head[1]):
-                    _declare_broken(*head)
+                if mapping.inode != there and head is not None and _hears(head[1]) \
+                        and _declare_broken(*head):
                     lost.append(name)
     except OSError:  # closed meanwhile; or another system than Linux, or not allowed
         return lost
@@ -166,8 +166,21 @@ def _hears(head: tuple[int, ...]) -> bool:
     return listeners > 0 and flags & (_IS_OK | _IS_READ) == _IS_OK | _IS_READ
 
 
-def _declare_broken(address: int, head: tuple[int, ...]) -> None:
-    """Clear the flag of a port that says that it works."""
-    flags = head[-1] & 0xff & ~_IS_OK
+def _declare_broken(address: int, head: tuple[int, ...]) -> bool:
+    """
+    Clear the flag of a port that says that it works; return whether it was still there.
+
+    :raises OSError: if the port is not mapped any more
+    """
+    flags = bytes([head[-1] & 0xff & ~_IS_OK])
     with (_PROCESS / 'mem').open('r+b', buffering=0) as memory:
-        os.pwrite(memory.fileno(), bytes([flags]), address + _FLAGS)
+        # Fast DDS takes a port away only once it has seen that flag cleared: it is there now if
+        # it is as it was.
+        content = os.pread(memory.fileno(), _HEAD.size, address)
+        if len(content) < _HEAD.size:
+            return False
+        now = _HEAD.unpack(content)
+        if (now[0], *now[2:5], now[6]) != (head[0], *head[2:5], head[6]):
+            return False
+        os.pwrite(memory.fileno(), flags, address + _FLAGS)
+    return True
