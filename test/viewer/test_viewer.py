@@ -30,7 +30,7 @@ from browser import (
     wait_for_server,
 )
 from diagnostic_msgs.msg import DiagnosticArray
-from harness import DEADLINE, interrupt, Probe, Processes, values
+from harness import interrupt, Probe, Processes, values
 import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters
@@ -127,12 +127,17 @@ def test_a_measured_decay_is_that_of_the_sampled_loop_and_not_of_an_old_gain(
         formation, visit, probe):
     page = visit(formation)
     page.get_by_text('start anew').wait_for()
-    before = until(page, lambda: (shown := shown_time(page)) > 3.0 and shown, 'time')
-    note_least_time(page)
-    page.get_by_role('button', name='Reset').click()
-    until(page, lambda: page.evaluate('leastTime') < before, 'a new start')
-    decay = until(page, lambda: (now := rows(page).get('decay [1/s]')) and now[-1] not in ('—', '')
-                  and shown_time(page) > 9.0 and now, 'a decay', 2 * DEADLINE)
+    for _ in range(6):
+        before = until(page, lambda: (shown := shown_time(page)) > 3.0 and shown, 'time')
+        note_least_time(page)
+        page.get_by_role('button', name='Reset').click()
+        until(page, lambda b=before: page.evaluate('leastTime') < b, 'a new start')
+        decay = until(page, lambda: (now := rows(page).get('decay [1/s]'))
+                      and (time := shown_time(page)) > 9.0
+                      and (now[-1] not in ('—', '') or time > 20.0) and now, 'a decay, or none')
+        if decay[-1] not in ('—', ''):
+            break
+        # The machine is so busy that too few states came meanwhile to tell it.
     theory, sampled, measured = map(float, decay)
     assert theory == pytest.approx(1.522, abs=1e-3)
     assert measured == pytest.approx(sampled, rel=0.02)
