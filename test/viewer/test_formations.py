@@ -172,7 +172,7 @@ def test_lockstep_with_a_view_is_nearly_as_fast(monkeypatch):
     with Launcher('rotating', seed=1, view=('127.0.0.1', 0)) as formation:
         formation.run_for(5.0)
         watchers = formation.monitor._watchers[:]
-        for k in range(40):
+        for k in range(24):
             seconds = {}
             # Each is first as often as the other, as what else the machine does comes and goes.
             for active[0] in ((False, True), (True, False))[k % 2]:
