@@ -25,7 +25,7 @@ listens had heard.
 Who records and was not killed ends in order, with all that has come to it: no fewer than it had
 told of until the kill. What somebody else has heard then, and it has not, DDS did not bring to it;
 the same holds for states that are missing in between in a bag that is whole, as a kill cuts off
-the end. That is told, but is not lost.
+the end, and for those missing just after the first. That is told, but is not lost.
 """
 
 import argparse
@@ -58,6 +58,14 @@ from tetra_ros2.ros import ports
 
 PROMISE = 1.0
 """How old a message may be that is lost [s]."""
+
+BEGINNING = 1.0
+"""
+How long after its first state a recording may lack some [s].
+
+Fast DDS takes what a new subscription has not got when the publisher tells it for the first time
+up to where it is, for what was before its time.
+"""
 
 RATE = 100
 """Steps per second of the formation [Hz]."""
@@ -273,9 +281,10 @@ def _look(path, heard, told, killed, outlived):
     if '/formation/attitudes' not in stamps:
         return Outcome(torn, 0.0, 'there is no state in it')
     states = set(stamps['/formation/attitudes'])
-    holes = sum(min(states) < stamp < max(states) and stamp not in states for stamp, _ in heard)
-    gap = f'{holes} states in between' if holes else None
-    if torn and gap:
+    first = min(states)
+    holes = [stamp for stamp, _ in heard if first < stamp < max(states) and stamp not in states]
+    gap = f'{len(holes)} states in between' if holes else None
+    if torn and holes and max(holes) > first + BEGINNING * 1e9:
         return Outcome(torn, 0.0, f'{gap} are missing')
     undelivered = gap
     lost = 0.0
