@@ -19,13 +19,8 @@ A formation runs at the pace of the clock, in one process or in one for each nod
 moment one of its processes, or the recorder together with the process that writes, is killed with
 SIGKILL. Then the bag, after ``tetra recover`` where it is torn, must hold every message that came
 more than a second before: no fewer on any topic than the recorder had told in its diagnostics by
-then, and the last stamp of each topic no older than a second against the states that somebody who
-listens had heard.
-
-Who records and was not killed ends in order, with all that has come to it: no fewer than it had
-told of until the kill. What somebody else has heard then, and it has not, DDS did not bring to it;
-the same holds for states that are missing in between in a bag that is whole, as a kill cuts off
-the end, and for those missing just after the first. That is told, but is not lost.
+then, every state in between that somebody who listens had heard, and the last stamp of each topic
+no older than a second against that.
 """
 
 import argparse
@@ -59,14 +54,6 @@ from tetra_ros2.ros import ports
 PROMISE = 1.0
 """How old a message may be that is lost [s]."""
 
-BEGINNING = 1.0
-"""
-How long after its first state a recording may lack some [s].
-
-Fast DDS takes what a new subscription has not got when the publisher tells it for the first time
-up to where it is, for what was before its time.
-"""
-
 RATE = 100
 """Steps per second of the formation [Hz]."""
 
@@ -95,13 +82,11 @@ class Outcome:
     :param torn: whether it had to be recovered
     :param lost: how old the oldest message was that is not there [s], 0 if all are
     :param problem: what is wrong with the bag, a text, or None
-    :param undelivered: what somebody else heard and who records did not, a text, or None
     """
 
     torn: bool
     lost: float
     problem: str | None
-    undelivered: str | None = None
 
 
 class Listener:
@@ -233,11 +218,10 @@ class Formation:
             self.processes[recorder].send_signal(signal.SIGINT)
         self.processes[recorder].wait(timeout=DEADLINE)
         _wait(lambda: not Path(f'/proc/{writer}').exists(), 'the end of the process that writes')
-        outlived = victim in OUTLIVED
         heard = [(stamp, at) for stamp, at in list(self.listener.heard) if at <= killed]
         told = [counts for counts, at in list(self.listener.counts)
-                if at <= killed - (0.0 if outlived else PROMISE * 1e9)]
-        return _look(path, heard, told[-1] if told else {}, killed, outlived)
+                if at <= killed - PROMISE * 1e9]
+        return _look(path, heard, told[-1] if told else {}, killed)
 
 
 def _stamp(message):
@@ -263,7 +247,7 @@ def _writer_of(parent):
     raise RuntimeError(f'nobody writes for {parent}')
 
 
-def _look(path, heard, told, killed, outlived):
+def _look(path, heard, told, killed):
     """Read a bag, after recovering it if it is torn, and compare it with what was heard."""
     torn = not recover.is_whole(path)
     if torn:
@@ -281,22 +265,15 @@ def _look(path, heard, told, killed, outlived):
     if '/formation/attitudes' not in stamps:
         return Outcome(torn, 0.0, 'there is no state in it')
     states = set(stamps['/formation/attitudes'])
-    first = min(states)
-    holes = [stamp for stamp, _ in heard if first < stamp < max(states) and stamp not in states]
-    gap = f'{len(holes)} states in between' if holes else None
-    if torn and holes and max(holes) > first + BEGINNING * 1e9:
-        return Outcome(torn, 0.0, f'{gap} are missing')
-    undelivered = gap
+    if holes := sum(min(states) < stamp < max(states) and stamp not in states
+                    for stamp, _ in heard):
+        return Outcome(torn, 0.0, f'{holes} states are missing in between')
     lost = 0.0
     for found in stamps.values():
         last = max(found)
         missing = [at for stamp, at in heard if stamp > last]
         lost = max(lost, (killed - min(missing, default=killed)) / 1e9)
-    if outlived:
-        if lost > PROMISE:
-            undelivered = f'{lost:.2f} s of a topic'
-        lost = 0.0
-    return Outcome(torn, lost, None if lost <= PROMISE else f'{lost:.2f} s are lost', undelivered)
+    return Outcome(torn, lost, None if lost <= PROMISE else f'{lost:.2f} s are lost')
 
 
 def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_: None):
@@ -348,14 +325,13 @@ def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_
 def table(outcomes):
     """Return the outcomes as a table of Markdown."""
     lines = ['| formation | killed | format | kills | torn, recovered | readable '
-             '| lost: median [s] | worst [s] | not all delivered |',
-             '|---|---|---|---:|---:|---:|---:|---:|---:|']
+             '| lost: median [s] | worst [s] |', '|---|---|---|---|---|---|---|---|']
     for (layout, victim, storage), found in sorted(outcomes.items()):
         lost = [outcome.lost for outcome in found]
         lines.append(
             f'| {layout} | {victim} | {storage} | {len(found)} | {sum(o.torn for o in found)} '
             f'| {sum(o.problem is None for o in found)} | {statistics.median(lost):.2f} '
-            f'| {max(lost):.2f} | {sum(o.undelivered is not None for o in found)} |')
+            f'| {max(lost):.2f} |')
     return '\n'.join(lines)
 
 
@@ -374,9 +350,7 @@ def main():
     def progress(number, layout, victim, storage, outcome):
         print(f'{number}: {layout}, {victim}, {storage}: '
               f'{"torn" if outcome.torn else "whole"}, '
-              f'{outcome.problem or f"{outcome.lost:.2f} s"}'
-              + (f', not delivered: {outcome.undelivered}' if outcome.undelivered else ''),
-              file=sys.stderr, flush=True)
+              f'{outcome.problem or f"{outcome.lost:.2f} s"}', file=sys.stderr, flush=True)
 
     outcomes = run(arguments.kills, arguments.seed, arguments.jobs, progress=progress,
                    victims={layout: VICTIMS[layout] for layout in arguments.layouts})

@@ -164,9 +164,9 @@ def interrupt(process):
     return process.returncode, output
 
 
-def run(*arguments, timeout=DEADLINE):
+def run(*arguments):
     """Run ``tetra`` to its end; return its exit status, its output and its errors."""
     done = subprocess.run(
         [sys.executable, '-m', 'tetra_ros2', *map(str, arguments)],
-        capture_output=True, text=True, timeout=timeout, check=False)
+        capture_output=True, text=True, timeout=DEADLINE, check=False)
     return done.returncode, done.stdout, done.stderr

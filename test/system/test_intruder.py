@@ -108,9 +108,9 @@ def test_a_command_that_answers_no_measurement_yet_made_moves_nobody(formation, 
     for _ in range(5):
         before = formation.plant.health.rejected.total()
         speak(formation, probe, TwistStamped, 'agent_1/cmd_vel', forged, times=3)
-        if formation.plant.health.rejected.total() > before and formation.error < 1e-3:
+        if formation.plant.health.rejected.total() > before:
             break
-        # The machine is so busy that they came too late, and were not ahead any more.
+        # The machine is so busy that all came too late, and were not ahead any more.
         assert formation.run_until(lambda: formation.error < 1e-3, timeout=30.0)
     else:
         pytest.fail('none was refused')

@@ -87,8 +87,8 @@ class Poses:
 
     def _refuse_other_types(self) -> None:
         for _ in range(LOOKS):
-            for other in self._other_types():
-                raise ConfigurationError(other, key='poses.topic')
+            if others := self._other_types():
+                raise ConfigurationError(others[0], key='poses.topic')
             if self._wanted.keys() <= dict(self._node.get_topic_names_and_types()).keys():
                 return
             time.sleep(PAUSE)  # the middleware learns of others in a thread of its own
