@@ -14,6 +14,7 @@
 
 """Bodies under motion capture, alone and beside simulated ones, over DDS."""
 
+from concurrent.futures import ThreadPoolExecutor
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -114,7 +115,10 @@ def test_four_bodies_under_motion_capture_need_no_plant(probe, programs, kind, p
 
 def test_a_pose_topic_of_another_type_is_refused_before_anything_is_started(probe):
     probe.node.create_publisher(PoseArray, 'agent_2/pose', 1)
-    status, output, errors = harness.run('sensors')
+    with ThreadPoolExecutor() as pool:
+        running = pool.submit(harness.run, 'sensors')
+        probe.wait_for(running.done, 'the end')  # meanwhile it sees to it that it can be heard
+    status, output, errors = running.result()
     assert (status, output) == (2, '')
     assert errors == ('tetra: error: poses.topic: /agent_2/pose is of type '
                       'geometry_msgs/msg/PoseArray, expected geometry_msgs/msg/PoseStamped\n')
