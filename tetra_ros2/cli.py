@@ -19,7 +19,8 @@ Which commands there are stands in :mod:`tetra_ros2.commands`; only the one that
 imported, and nothing before it is settled what a signal does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stdout
 import os
 import sys
 
@@ -43,6 +44,29 @@ def _split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
         else:
             (ours if target is None else target).append(argument)
     return ours, ros
+
+
+@contextmanager
+def _output_apart() -> Iterator[None]:
+    """
+    Let what libraries in C write to the standard output meanwhile go to the errors.
+
+    Fast DDS logs its errors there, which would spoil a result that a program is to read.
+    """
+    try:
+        if sys.stdout.fileno() != 1:
+            raise ValueError
+        output = open(os.dup(1), 'w', buffering=1 if sys.stdout.isatty() else -1,  # noqa: SIM115
+                      encoding=sys.stdout.encoding, errors=sys.stdout.errors)
+        os.dup2(2, 1)
+    except (AttributeError, OSError, ValueError):  # it is closed, or somebody has replaced it
+        yield
+        return
+    with output, redirect_stdout(output):
+        try:
+            yield
+        finally:
+            os.dup2(output.fileno(), 1)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -88,8 +112,10 @@ def _run(command: str, ours: Sequence[str], ros: Sequence[str], own: bool) -> in
         signals.interrupt_once()
     from tetra_ros2.config.parameters import ConfigurationError
     try:
-        status: int = _parser.module(command).run(arguments)
-        sys.stdout.flush()
+        with _output_apart() if own else nullcontext():
+            status: int = _parser.module(command).run(arguments)
+            if sys.stdout is not None:  # it is, where it was closed
+                sys.stdout.flush()
         return status
     except ConfigurationError as error:
         print(f'tetra: error: {error}', file=sys.stderr)

@@ -244,6 +244,26 @@ def test_a_reader_that_has_read_enough_is_no_error():
     assert done.returncode in (0, CLOSED)  # the first, if it had said all before it was closed
 
 
+def test_what_a_library_writes_to_the_output_does_not_spoil_a_result(tmp_path, monkeypatch):
+    """Fast DDS logs there, by way of C; here a module does."""
+    (tmp_path / 'loud.py').write_text(
+        'import os\nfrom tetra_ros2.formation import Cosine\n'
+        "os.write(1, b'said in C\\n')\nclass Loud(Cosine):\n    pass\n")
+    file = tmp_path / 'formation.yaml'
+    file.write_text(ABOVE + 'gain: {kind: "loud:Loud"}')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)
+    status, output, errors = run('analyze', '--config', file, '--json')
+    assert (status, errors) == (0, 'said in C\n')
+    assert json.loads(output)['shape'] == 'regular tetrahedron'
+
+
+def test_an_output_that_is_closed_is_no_error():
+    done = subprocess.run(
+        ['bash', '-c', f'exec {sys.executable} -m tetra_ros2 analyze >&-'],
+        capture_output=True, text=True, check=False, timeout=DEADLINE)
+    assert (done.returncode, done.stderr) == (0, '')
+
+
 def test_ctrl_c_before_the_first_state_ends_the_launcher_without_a_traceback(processes, probe):
     """Somebody else's plant is there and never says anything."""
     for i, j in itertools.permutations(range(1, 5), 2):
