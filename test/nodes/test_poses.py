@@ -17,6 +17,7 @@
 from concurrent.futures import ThreadPoolExecutor
 import math
 from pathlib import Path
+import time
 from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -132,6 +133,18 @@ def test_poses_of_another_type_that_come_later_are_told_of(probe, programs):
     probe.wait_for_health('/sensors', lambda s: told in s.message, 'what it is')
     probe.node.destroy_publisher(publisher)
     probe.wait_for_health('/sensors', lambda s: told not in s.message, 'that it is gone')
+
+
+def test_ctrl_c_ends_sensors_that_still_look_for_poses(programs):
+    sensors = programs.tetra('sensors')
+    said = 'looking for poses on /agent_1/pose, /agent_2/pose, /agent_3/pose, /agent_4/pose\n'
+    assert any(line.endswith(said) for line in iter(sensors.stdout.readline, ''))
+    begun = time.monotonic()
+    status, output = harness.interrupt(sensors)
+    assert status == 0
+    assert 'Traceback' not in output
+    left = (poses.LOOKS - poses.LOOKS_BEFORE_SAID) * poses.PAUSE
+    assert time.monotonic() - begun < left - 1.0, 'it looked on'
 
 
 # ---------------------------------------------------------------- without another process

@@ -26,15 +26,20 @@ from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation._types import Quaternion, Vector
 from tetra_ros2.formation.checks import Rejected
 from tetra_ros2.formation.tracking import FROZEN, TRACKED, Tracker, WAITING
-from tetra_ros2.ros import ports, qos
+from tetra_ros2.ros import executor, ports, qos
 from tetra_ros2.ros.node import FormationNode
 from tetra_ros2.wire import names
 
-LOOKS, PAUSE = 60, 0.05
+LOOKS, PAUSE = 160, 0.05
 """
 How often to look for who publishes poses, and of which type, before listening; and the time
-between two looks [s]. Not for how long: a machine that is busy finds others later.
+between two looks [s]. Not for how long: a machine that is busy finds others later. All of them
+take more than two periods of Fast DDS, which announces a node every 3 s if the first announcement
+was not heard.
 """
+
+LOOKS_BEFORE_SAID = 20
+"""After how many looks in vain to say what is looked for."""
 
 REPORT_AGAIN = 0.2
 """How long after a report of lost bodies the next one may wait for its turn [s]."""
@@ -86,11 +91,14 @@ class Poses:
             node.listen(kind, name, callback, qos.SENSORS)
 
     def _refuse_other_types(self) -> None:
-        for _ in range(LOOKS):
+        for look in range(LOOKS):
             if others := self._other_types():
                 raise ConfigurationError(others[0], key='poses.topic')
-            if self._wanted.keys() <= dict(self._node.get_topic_names_and_types()).keys():
+            if executor.signalled() \
+                    or self._wanted.keys() <= dict(self._node.get_topic_names_and_types()).keys():
                 return
+            if look == LOOKS_BEFORE_SAID:
+                self._node.get_logger().info(f'looking for poses on {", ".join(self._wanted)}')
             time.sleep(PAUSE)  # the middleware learns of others in a thread of its own
             ports.reopen_lost()  # as the timer that does so is not running yet
 

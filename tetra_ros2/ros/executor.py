@@ -106,6 +106,11 @@ class Signalled:
         """Take note of a signal: a handler."""
         self._came.append(number)
 
+    @property
+    def came(self) -> bool:
+        """Return whether a signal has come."""
+        return bool(self._came)
+
     def look(self) -> None:
         """Complete it with the first signal that has come, if there is one."""
         if self._came and not self.future.done():
@@ -141,6 +146,14 @@ def spare_collections() -> None:
     gc.freeze()
 
 
+_signalled: Signalled | None = None
+
+
+def signalled() -> bool:
+    """Return whether a signal has come since :func:`until_signalled`: whoever waits should not."""
+    return _signalled is not None and _signalled.came
+
+
 @contextmanager
 def until_signalled(executor: Executor) -> Iterator[Signalled]:
     """
@@ -152,13 +165,14 @@ def until_signalled(executor: Executor) -> Iterator[Signalled]:
     it has to: a last command of zero, the end of a recording. When this is left, the process is
     taken to be ending, and signals stay without effect: inside rclpy they would abort it.
     """
-    signalled = Signalled(executor)
+    global _signalled
+    _signalled = Signalled(executor)
     for number in signals.SIGNALS:
-        signal.signal(number, signalled.note)
+        signal.signal(number, _signalled.note)
     if signals.interrupted():  # and a library that was loading swallowed what that raised
-        signalled.note(signal.SIGINT)
+        _signalled.note(signal.SIGINT)
     try:
-        yield signalled
+        yield _signalled
     finally:
         signals.ignore()
 
