@@ -265,23 +265,29 @@ def _look(path, heard, told, killed):
     if '/formation/attitudes' not in stamps:
         return Outcome(torn, 0.0, 'there is no state in it')
     states = set(stamps['/formation/attitudes'])
-    if holes := sum(min(states) < stamp < max(states) and stamp not in states
-                    for stamp, _ in heard):
-        return Outcome(torn, 0.0, f'{holes} states are missing in between')
-    lost = 0.0
-    for found in stamps.values():
+    holes = [(stamp, at) for stamp, at in heard
+             if min(states) < stamp < max(states) and stamp not in states]
+    if holes:
+        stamp, at = min(holes)
+        return Outcome(torn, 0.0, f'{len(holes)} states are missing in between, from '
+                       f'{(stamp - min(states)) / 1e9:.2f} s after the first, '
+                       f'{(killed - at) / 1e9:.2f} s before the kill')
+    lost, where = 0.0, ''
+    for topic, found in stamps.items():
         last = max(found)
         missing = [at for stamp, at in heard if stamp > last]
-        lost = max(lost, (killed - min(missing, default=killed)) / 1e9)
-    return Outcome(torn, lost, None if lost <= PROMISE else f'{lost:.2f} s are lost')
+        lost, where = max((lost, where), ((killed - min(missing, default=killed)) / 1e9, topic))
+    return Outcome(torn, lost, None if lost <= PROMISE else f'{lost:.2f} s are lost on {where}')
 
 
-def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_: None):
+def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_: None,
+        keep=None):
     """
     Kill each victim so many times in each format.
 
     :param jobs: how many formations at a time
     :param victims: ``{layout: victims}``
+    :param keep: a directory for the bags with which something is wrong, or None
     :returns: ``{(layout, victim, storage): [Outcome]}``
     """
     chance = random.Random(seed)
@@ -310,8 +316,10 @@ def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_
                     outcomes[(layout, *rest)].append(outcome)
                     progress(number, layout, *rest, outcome)
                     for bag in home.glob(f'bag_{number}*'):
-                        if outcome.problem is None:
+                        if outcome.problem is None or keep is None:
                             shutil.rmtree(bag)
+                        else:
+                            shutil.move(bag, keep)
                 for formation in layouts.values():
                     formation.close()
         # By layout, so that the nodes of a formation are started once and not for each kill; and
@@ -345,7 +353,11 @@ def main():
                         help='one process, or one for each node (default: both)')
     parser.add_argument('--jobs', type=int, default=2, metavar='N',
                         help='formations at a time (default: %(default)s)')
+    parser.add_argument('--keep', type=Path, metavar='DIR',
+                        help='where to leave the bags with which something is wrong')
     arguments = parser.parse_args()
+    if arguments.keep is not None:
+        arguments.keep.mkdir(parents=True, exist_ok=True)
 
     def progress(number, layout, victim, storage, outcome):
         print(f'{number}: {layout}, {victim}, {storage}: '
@@ -353,6 +365,7 @@ def main():
               f'{outcome.problem or f"{outcome.lost:.2f} s"}', file=sys.stderr, flush=True)
 
     outcomes = run(arguments.kills, arguments.seed, arguments.jobs, progress=progress,
+                   keep=arguments.keep,
                    victims={layout: VICTIMS[layout] for layout in arguments.layouts})
     print(f'seed {arguments.seed}\n\n{table(outcomes)}')
     problems = [(*key, o.problem) for key, found in outcomes.items() for o in found if o.problem]
