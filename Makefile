@@ -4,7 +4,8 @@
 PYTHON ?= python3
 VENV := .venv
 # A sourced ROS 2 would get in the way of the one from PyPI.
-CLEAN := env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH
+# The last: what a Python with the wheels has told its children, for example one that runs make.
+CLEAN := env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH -u _ROS_WHEELS_BOOTSTRAP_COMPLETE
 TETRA := $(CLEAN) $(VENV)/bin/tetra
 # Editable, so that a change needs no new installation; with pip's progress, as it takes a while.
 INSTALL = $(CLEAN) $(VENV)/bin/python -m pip install --disable-pip-version-check -e

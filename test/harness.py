@@ -20,6 +20,7 @@ of the package under test but what keeps it from being deaf after processes were
 """
 
 from collections import defaultdict
+import os
 import signal
 import subprocess
 import sys
@@ -28,6 +29,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 import numpy as np
+import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -35,6 +37,11 @@ from tetra_ros2.ros import ports
 
 DEADLINE = 60.0
 """How long anything may take [s]; far more than it does."""
+
+NOT_COVERED = pytest.mark.skipif(
+    'COVERAGE_RUN' in os.environ,
+    reason='coverage loads first in each process, and saves last: a signal would find it instead')
+"""For tests of a signal at any moment of a process."""
 
 
 class Probe:

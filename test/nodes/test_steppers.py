@@ -39,13 +39,16 @@ class Clocks:
     def __init__(self):
         self.node = 1_700_000_000 * 10**9
         self.steady = 10_000_000  # the machine has just been started
+        self.delays = []  # how long others have the processor when the node's was read [ns]
 
     def advance(self, nanoseconds):
         self.node += nanoseconds
         self.steady += nanoseconds
 
     def now(self):
-        return SimpleNamespace(nanoseconds=self.node)
+        now = SimpleNamespace(nanoseconds=self.node)
+        self.advance(self.delays.pop() if self.delays else 0)
+        return now
 
     def monotonic(self):
         return self.steady / 1e9
@@ -238,6 +241,22 @@ def test_in_real_time_a_step_lasts_as_long_as_it_really_was(passed):
             plant.tick()
     assert [h for h, _ in plant.stepped] == [elapsed / 1e9 for elapsed in passed]
     assert all(rates == [TURN, TURN] for _, rates in plant.stepped)
+
+
+@pytest.mark.parametrize('anew', [False, True])
+def test_in_real_time_a_step_is_as_long_as_its_stamps_say_whoever_comes_in_between(clocks, anew):
+    plant, stepper = begin(RealTime, clocks)
+    plant.tick()
+    for _ in range(3):
+        clocks.advance(PERIOD)
+        clocks.delays = [40_000_000, 90_000, 30_000_000]
+        stepper.state_changed() if anew else plant.tick()
+        clocks.advance(PERIOD)
+        before = stepper.stamp
+        clocks.delays = [20_000_000] * 3
+        plant.tick()
+        h, _ = plant.stepped[-1]
+        assert h == pytest.approx((stepper.stamp - before) / 1e9, abs=1e-4)
 
 
 def test_in_real_time_nothing_moves_while_time_stands_still(clocks):

@@ -116,15 +116,20 @@ def note_least_time(page):
     """
     Have a page note the least time that it shows from now on, as ``leastTime``.
 
+    And, as ``leastStart``, the least at which its first chart begins.
+
     What a busy page shows for a second or two may be over when somebody asks.
     """
     page.evaluate(r"""() => {
         const look = () => {
             const shown = /t = ([\d.]+) s/.exec(document.body.innerText);
             if (shown) window.leastTime = Math.min(window.leastTime, Number(shown[1]));
+            const first = Object.values(window.__viserTestpoints?.uplots ?? {})[0];
+            const start = first?.chart.data[0][0];
+            if (start !== undefined) window.leastStart = Math.min(window.leastStart, start);
         };
         clearInterval(window.looking);
-        window.leastTime = Infinity;
+        window.leastTime = window.leastStart = Infinity;
         window.looking = setInterval(look, 100);
     }""")
 

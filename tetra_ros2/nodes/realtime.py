@@ -27,6 +27,9 @@ from tetra_ros2.ros import diagnostics
 CLOCK_TOLERANCE = 100_000_000
 """By how much the node's clock may leave the steady one in a step before it has been set [ns]."""
 
+READ_TOGETHER, READINGS = 100_000, 10
+"""How far apart two clocks may be read [ns], and how often to try."""
+
 JUMP_TOLD = 1.5
 """For how long the diagnostics tell of a clock that was set [s]: for a report or two."""
 
@@ -100,13 +103,27 @@ class RealTime(Stepper):
         self._plant.read_commands()
         self._forget_commands()
         # The next step begins here: from the last one on, it would be longer than the stamps say.
-        self.stamp = self._plant.get_clock().now().nanoseconds
-        self._stepped_at = self._now(self.stamp)
+        self.stamp, self._stepped_at = self._read_clocks()
         self._plant.publish(self.stamp)
 
-    def _now(self, stamp: int) -> int:
-        """Return the time on the clock that steps are measured on [ns]."""
-        return stamp if self._simulated else time.monotonic_ns()
+    def _read_clocks(self) -> tuple[int, int]:
+        """
+        Return the time of stamps, and that on the clock that steps are measured on [ns].
+
+        Both are of one moment, even if something else gets the processor between two readings.
+        Otherwise a step could be longer than the stamps say, and bodies would seem to leap.
+        """
+        clock = self._plant.get_clock()
+        if self._simulated:
+            now: int = clock.now().nanoseconds
+            return now, now
+        for _ in range(READINGS):
+            begun = time.monotonic_ns()
+            now = clock.now().nanoseconds
+            here = time.monotonic_ns()
+            if here - begun < READ_TOGETHER:
+                break
+        return now, here
 
     def _forget_commands(self) -> None:
         self._rates = [STILL] * len(self._rates)
@@ -130,8 +147,7 @@ class RealTime(Stepper):
 
     def _on_timer(self) -> None:
         self._plant.read_commands()
-        now = self._plant.get_clock().now().nanoseconds
-        here = self._now(now)
+        now, here = self._read_clocks()
         before, self.stamp = self.stamp, now
         elapsed, self._stepped_at = here - self._stepped_at, here
         if not before:
