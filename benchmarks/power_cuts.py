@@ -20,7 +20,8 @@ moment one of its processes, or the recorder together with the process that writ
 SIGKILL. Then the bag, after ``tetra recover`` where it is torn, must hold every message that came
 more than a second before: no fewer on any topic than the recorder had told in its diagnostics by
 then, every state in between that somebody who listens had heard, and the last stamp of each topic
-no older than a second against that.
+no older than a second against that. A second is what the two processes need that a message goes
+through. Whoever of them was ready to run meanwhile and was given no processor has as much longer.
 """
 
 import argparse
@@ -82,11 +83,13 @@ class Outcome:
     :param torn: whether it had to be recovered
     :param lost: how old the oldest message was that is not there [s], 0 if all are
     :param problem: what is wrong with the bag, a text, or None
+    :param waited: how long who records and who writes were ready and got no processor [s]
     """
 
     torn: bool
     lost: float
     problem: str | None
+    waited: float = 0.0
 
 
 class Listener:
@@ -147,6 +150,49 @@ class Listener:
         self.context.try_shutdown()
 
 
+class Waiting(threading.Thread):
+    """
+    How long processes are ready to run and get no processor, as long as it is entered.
+
+    Linux tells that itself only once they got one, which may be after the kill.
+    """
+
+    def __init__(self, pids):
+        super().__init__()
+        self.seconds = dict.fromkeys(pids, 0.0)
+        self._ending = threading.Event()
+
+    def run(self):
+        """Look again and again: who is ready, and has not run since the last look, waits."""
+        before, at = {}, time.monotonic()
+        while not self._ending.is_set():
+            now = time.monotonic()
+            for pid in self.seconds:
+                ready, ran = _running(pid)
+                if ready and ran == before.get(pid):
+                    self.seconds[pid] += now - at
+                before[pid] = ran
+            at = now
+            self._ending.wait(0.02)
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *_):
+        self._ending.set()
+        self.join()
+
+
+def _running(pid):
+    """Return whether a process is ready to run, and how long it has run [ns]."""
+    process = Path(f'/proc/{pid}')
+    with suppress(OSError):  # it is gone, or this Linux does not tell
+        state = (process / 'stat').read_text().rpartition(')')[2].split()[0]
+        return state == 'R', int((process / 'schedstat').read_text().split()[0])
+    return False, 0
+
+
 class Formation:
     """The processes of one formation in a domain of its own, and trials on them."""
 
@@ -205,8 +251,9 @@ class Formation:
         _wait(lambda: self.listener.counts and len(self.listener.heard) > RATE // 4
               and min(self.listener.counts[-1][0].values()) > 1
               and '/formation/attitudes' in self.listener.counts[-1][0], 'the recording')
-        time.sleep(delay)  # a moment at random is what this is about
         writer = _writer_of(self.processes[recorder].pid)
+        with Waiting([writer, self.processes[recorder].pid]) as waiting:
+            time.sleep(delay)  # a moment at random is what this is about
         pids = {'writer': [writer], 'both': [writer, self.processes[recorder].pid]}.get(victim)
         if pids is None:
             name = 'agent_2' if victim == 'agent' else victim
@@ -220,8 +267,8 @@ class Formation:
         _wait(lambda: not Path(f'/proc/{writer}').exists(), 'the end of the process that writes')
         heard = [(stamp, at) for stamp, at in list(self.listener.heard) if at <= killed]
         told = [counts for counts, at in list(self.listener.counts)
-                if at <= killed - PROMISE * 1e9]
-        return _look(path, heard, told[-1] if told else {}, killed)
+                if at <= killed - (PROMISE + waiting.seconds[writer]) * 1e9]
+        return _look(path, heard, told[-1] if told else {}, killed, sum(waiting.seconds.values()))
 
 
 def _stamp(message):
@@ -247,7 +294,7 @@ def _writer_of(parent):
     raise RuntimeError(f'nobody writes for {parent}')
 
 
-def _look(path, heard, told, killed):
+def _look(path, heard, told, killed, waited=0.0):
     """Read a bag, after recovering it if it is torn, and compare it with what was heard."""
     torn = not recover.is_whole(path)
     if torn:
@@ -261,9 +308,9 @@ def _look(path, heard, told, killed):
             if connection.msgtype in _STAMPED:
                 stamps[connection.topic].append(_stamp(data))
     if fewer := Counter(told) - counts:
-        return Outcome(torn, 0.0, f'messages are missing: {dict(fewer)}')
+        return Outcome(torn, 0.0, f'messages are missing: {dict(fewer)}', waited)
     if '/formation/attitudes' not in stamps:
-        return Outcome(torn, 0.0, 'there is no state in it')
+        return Outcome(torn, 0.0, 'there is no state in it', waited)
     states = set(stamps['/formation/attitudes'])
     holes = [(stamp, at) for stamp, at in heard
              if min(states) < stamp < max(states) and stamp not in states]
@@ -271,13 +318,14 @@ def _look(path, heard, told, killed):
         stamp, at = min(holes)
         return Outcome(torn, 0.0, f'{len(holes)} states are missing in between, from '
                        f'{(stamp - min(states)) / 1e9:.2f} s after the first, '
-                       f'{(killed - at) / 1e9:.2f} s before the kill')
+                       f'{(killed - at) / 1e9:.2f} s before the kill', waited)
     lost, where = 0.0, ''
     for topic, found in stamps.items():
         last = max(found)
         missing = [at for stamp, at in heard if stamp > last]
         lost, where = max((lost, where), ((killed - min(missing, default=killed)) / 1e9, topic))
-    return Outcome(torn, lost, None if lost <= PROMISE else f'{lost:.2f} s are lost on {where}')
+    problem = None if lost <= PROMISE + waited else f'{lost:.2f} s are lost on {where}'
+    return Outcome(torn, lost, problem, waited)
 
 
 def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_: None,
@@ -333,13 +381,14 @@ def run(kills, seed, jobs=1, storages=STORAGES, victims=None, progress=lambda *_
 def table(outcomes):
     """Return the outcomes as a table of Markdown."""
     lines = ['| formation | killed | format | kills | torn, recovered | readable '
-             '| lost: median [s] | worst [s] |', '|---|---|---|---|---|---|---|---|']
+             '| lost: median [s] | worst [s] | waited: worst [s] |',
+             '|---|---|---|---:|---:|---:|---:|---:|---:|']
     for (layout, victim, storage), found in sorted(outcomes.items()):
         lost = [outcome.lost for outcome in found]
         lines.append(
             f'| {layout} | {victim} | {storage} | {len(found)} | {sum(o.torn for o in found)} '
             f'| {sum(o.problem is None for o in found)} | {statistics.median(lost):.2f} '
-            f'| {max(lost):.2f} |')
+            f'| {max(lost):.2f} | {max(outcome.waited for outcome in found):.2f} |')
     return '\n'.join(lines)
 
 
@@ -362,7 +411,8 @@ def main():
     def progress(number, layout, victim, storage, outcome):
         print(f'{number}: {layout}, {victim}, {storage}: '
               f'{"torn" if outcome.torn else "whole"}, '
-              f'{outcome.problem or f"{outcome.lost:.2f} s"}', file=sys.stderr, flush=True)
+              f'{outcome.problem or f"{outcome.lost:.2f} s"}; waited {outcome.waited:.2f} s',
+              file=sys.stderr, flush=True)
 
     outcomes = run(arguments.kills, arguments.seed, arguments.jobs, progress=progress,
                    keep=arguments.keep,

@@ -14,7 +14,13 @@
 
 """A few of the kills of `make power-cuts`: one of each kind on a launcher that records."""
 
+import os
+import subprocess
+import sys
+import time
+
 from benchmarks import power_cuts
+import pytest
 
 
 def test_nothing_older_than_a_second_is_lost_whatever_is_killed():
@@ -25,3 +31,30 @@ def test_nothing_older_than_a_second_is_lost_whatever_is_killed():
         assert outcome.problem is None, (victim, storage, outcome)
         # Whoever ends with the recorder has time to complete the bag; a killed writer has not.
         assert outcome.torn == (victim != 'launcher'), (victim, storage)
+
+
+@pytest.mark.skipif(not hasattr(os, 'SCHED_IDLE'), reason='only Linux tells')
+def test_who_is_ready_and_gets_no_processor_waits_and_who_sleeps_does_not():
+    processor = {min(os.sched_getaffinity(0))}
+    busy = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(2)]
+    asleep = subprocess.Popen([sys.executable, '-c', 'print(flush=True); input()'],
+                              stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    try:
+        for process in busy:
+            os.sched_setaffinity(process.pid, processor)
+        os.sched_setscheduler(busy[1].pid, os.SCHED_IDLE, os.sched_param(0))
+        asleep.stdout.readline()
+        while power_cuts._running(asleep.pid)[0]:
+            pass
+        begun = time.monotonic()
+        with power_cuts.Waiting([busy[1].pid, asleep.pid]) as waiting, \
+                pytest.raises(subprocess.TimeoutExpired):
+            busy[0].wait(2.0)
+        assert 0.3 < waiting.seconds[busy[1].pid] <= time.monotonic() - begun
+        assert waiting.seconds[asleep.pid] == 0.0
+    finally:
+        for process in (*busy, asleep):
+            process.kill()
+            process.wait()
+        asleep.stdin.close()
+        asleep.stdout.close()
