@@ -22,6 +22,7 @@ import pytest
 from tetra_ros2.config.parameters import ConfigurationError
 from tetra_ros2.formation import rotation
 from tetra_ros2.formation.bodies import RigidBodies
+from tetra_ros2.nodes import poses
 from tetra_ros2.nodes.plant import Plant
 from tetra_ros2.nodes.vehicles import PartlyElsewhere
 
@@ -67,7 +68,8 @@ def test_who_is_simulated_moves_and_who_is_elsewhere_is_where_its_pose_says():
     assert bodies.attitudes[3] == before, 'it stays where it was last seen'
 
 
-def test_only_who_is_named_is_elsewhere(probe):
+def test_only_who_is_named_is_elsewhere(probe, monkeypatch):
+    monkeypatch.setattr(poses, 'LOOKS', 1)  # nobody publishes any
     with Bench(probe, Plant, mode='realtime', external_bodies=[2, 4]) as bench:
         assert sorted(bench.node._vehicles.poses.trackers) == [1, 3]
         assert isinstance(bench.node.bodies, PartlyElsewhere)

@@ -41,6 +41,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from strategies import any_bytes
 import tetra_ros2
 from tetra_ros2.config.parameters import check_parameters, is_ros_parameter, PARAMETERS
+from tetra_ros2.nodes import poses
 from tetra_ros2.nodes.agent import Agent
 from tetra_ros2.nodes.body import Body
 from tetra_ros2.nodes.monitor import Monitor
@@ -152,7 +153,8 @@ class Target:
 
 
 @pytest.fixture(params=NODES)
-def target(request, probe, tmp_path):
+def target(request, probe, tmp_path, monkeypatch):
+    monkeypatch.setattr(poses, 'LOOKS', 1)  # nobody publishes any
     node_type, arguments, parameters = NODES[request.param]
     if request.param == 'plant of wheels':
         pytest.importorskip('mujoco')
