@@ -79,6 +79,15 @@ def test_a_face_is_flat_with_all_other_vertices_below(name):
     assert np.max(np.delete(heights, face)) < np.min(heights) + np.ptp(heights) - 0.1
 
 
+@pytest.mark.parametrize('order', [(0, 1, 2, 3, 4, 5), (0, 2, 1, 3, 4, 5), (1, 0, 2, 5, 4, 3)])
+def test_a_face_is_found_whichever_way_round_its_points_are_counted(order):
+    angles = 2.0 * np.pi / 3.0 * np.arange(3)
+    triangle = np.stack([0.6 * np.cos(angles), 0.6 * np.sin(angles), np.full(3, 0.8)], axis=1)
+    prism = np.concatenate([triangle, triangle * [1.0, 1.0, -1.0]])[list(order)]
+    assert polyhedra.axis_agents(prism, 'face') == (1, 2, 3), 'the only face of nearest ones'
+    assert_close(polyhedra.axis_direction(prism, 'face'), [0.0, 0.0, 1.0], atol=ROUNDING)
+
+
 @EVERY_SOLID
 def test_every_class_of_distance_is_balanced_and_isotropic(name):
     points = polyhedra.SOLIDS[name]
