@@ -21,6 +21,7 @@ imported, and nothing before it is settled what a signal does.
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
+from io import TextIOWrapper
 import os
 import sys
 
@@ -54,12 +55,13 @@ def _output_apart() -> Iterator[None]:
     Fast DDS logs its errors there, which would spoil a result that a program is to read.
     """
     try:
-        if sys.stdout.fileno() != 1:
+        if not isinstance(sys.stdout, TextIOWrapper) or sys.stdout.fileno() != 1:
             raise ValueError
-        output = open(os.dup(1), 'w', buffering=1 if sys.stdout.isatty() else -1,  # noqa: SIM115
+        by_line = sys.stdout.line_buffering or sys.stdout.write_through  # the latter with -u
+        output = open(os.dup(1), 'w', buffering=1 if by_line else -1,  # noqa: SIM115
                       encoding=sys.stdout.encoding, errors=sys.stdout.errors)
         os.dup2(2, 1)
-    except (AttributeError, OSError, ValueError):  # it is closed, or somebody has replaced it
+    except (OSError, ValueError):  # it is closed, or somebody has replaced it
         yield
         return
     with output, redirect_stdout(output):
