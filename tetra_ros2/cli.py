@@ -24,6 +24,7 @@ from contextlib import contextmanager, nullcontext, redirect_stdout
 from io import TextIOWrapper
 import os
 import sys
+from typing import TextIO
 
 from tetra_ros2 import signals
 from tetra_ros2.commands import NODES
@@ -54,14 +55,8 @@ def _output_apart() -> Iterator[None]:
 
     Fast DDS logs its errors there, which would spoil a result that a program is to read.
     """
-    try:
-        if not isinstance(sys.stdout, TextIOWrapper) or sys.stdout.fileno() != 1:
-            raise ValueError
-        by_line = sys.stdout.line_buffering or sys.stdout.write_through  # the latter with -u
-        output = open(os.dup(1), 'w', buffering=1 if by_line else -1,  # noqa: SIM115
-                      encoding=sys.stdout.encoding, errors=sys.stdout.errors)
-        os.dup2(2, 1)
-    except (OSError, ValueError):  # it is closed, or somebody has replaced it
+    output = _output_of_its_own()
+    if output is None:
         yield
         return
     with output, redirect_stdout(output):
@@ -69,6 +64,21 @@ def _output_apart() -> Iterator[None]:
             yield
         finally:
             os.dup2(output.fileno(), 1)
+
+
+def _output_of_its_own() -> TextIO | None:
+    """Send what goes to file 1 to file 2; return what still goes where file 1 went, or None."""
+    before = sys.stdout
+    try:
+        if not isinstance(before, TextIOWrapper) or before.fileno() != 1:  # it was replaced
+            return None
+        by_line = before.line_buffering or before.write_through  # the latter with -u
+        output = open(os.dup(1), 'w', buffering=1 if by_line else -1,  # noqa: SIM115
+                      encoding=before.encoding, errors=before.errors)
+        os.dup2(2, 1)
+    except OSError:  # one of them is closed
+        return None
+    return output
 
 
 def main(argv: Sequence[str] | None = None) -> int:
