@@ -18,8 +18,11 @@ import os
 import signal
 import sys
 
-for number in (signal.SIGINT, signal.SIGTERM):  # before anything that takes its time to load
-    signal.signal(number, lambda *_: os._exit(130))
+# Before anything that takes its time to load, even the list of the commands: what a node is.
+NODES = ('agent', 'plant', 'sensors', 'body', 'monitor', 'recorder', 'viewer')
+command = next((word for word in sys.argv[1:] if not word.startswith('-')), '')
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, lambda *_: os._exit(0 if command in NODES else 130))
 
 from tetra_ros2.cli import main  # noqa: E402
 

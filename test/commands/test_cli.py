@@ -30,7 +30,7 @@ from harness import DEADLINE, interrupt, NOT_COVERED, run
 import pytest
 from tetra_ros2 import cli
 from tetra_ros2.cli import CLOSED
-from tetra_ros2.commands import COMMANDS, EXAMPLES
+from tetra_ros2.commands import COMMANDS, EXAMPLES, NODES
 from tetra_ros2.commands._parser import make_parser
 
 ABOVE = '/**:\n  ros__parameters:\n    '
@@ -294,6 +294,11 @@ def test_a_signal_at_any_moment_of_the_start_leaves_no_traceback_of_ours(
     assert 'tetra_ros2/' not in '\n'.join(files), output
     if 'Traceback' not in output:  # of Python itself, before it has read a line of this package
         assert status == (130 if command[0] == 'launcher' else 0) or status == -signal.SIGINT
+
+
+def test_what_a_node_is_is_known_before_the_commands_are_loaded():
+    text = Path(cli.__file__).with_name('__main__.py').read_text()
+    assert f'\nNODES = {NODES}\n' in text
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
