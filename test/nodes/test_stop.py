@@ -15,6 +15,7 @@
 """The emergency stop from the command line: whom it stops, and what it says of those."""
 
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 import pytest
 from std_srvs.srv import SetBool, Trigger
@@ -24,8 +25,9 @@ from tetra_ros2.nodes import stop
 @pytest.fixture
 def press(probe, capfd, monkeypatch):
     """Return what presses the button while the probe answers: exit status, output, errors."""
-    def pressed(data=True, namespace='', patience=30.0):
+    def pressed(data=True, namespace='', patience=30.0, again=60.0):
         monkeypatch.setattr(stop, 'PATIENCE', patience)
+        monkeypatch.setattr(stop, 'ASK_AGAIN', again)
         with ThreadPoolExecutor(1) as pool:
             future = pool.submit(stop.main, data, namespace)
             status = probe.wait_for(lambda: future.done() and (future.result(),), 'the end')[0]
@@ -82,3 +84,24 @@ def test_with_nothing_to_stop_it_gives_up_and_says_so(press):
     status, output, errors = press(patience=0.5)
     assert (status, output) == (1, '')
     assert errors.startswith('tetra: error: there is nothing to stop')
+
+
+def test_who_does_not_answer_is_asked_again(probe, press, monkeypatch):
+    asked = []
+
+    def answer(request, response):
+        asked.append(request.data)
+        if len(asked) == 1:
+            raise LookupError('to whom?')
+        response.success, response.message = True, 'stopped'
+        return response
+
+    def spin_once(timeout_sec, spin=probe.executor.spin_once):
+        with suppress(LookupError):
+            spin(timeout_sec)
+
+    monkeypatch.setattr(probe.executor, 'spin_once', spin_once)
+    probe.node.create_service(SetBool, 'plant/stop', answer)
+    assert press(again=0.5) == (0, '/plant/stop: stopped\n', '')
+    assert len(asked) >= 2
+    assert all(asked)

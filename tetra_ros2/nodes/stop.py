@@ -15,6 +15,7 @@
 """The emergency stop of all that there is to stop: the plant, and every driver of a body."""
 
 from collections.abc import Sequence
+import math
 import re
 import sys
 import time
@@ -29,6 +30,12 @@ PATIENCE = 10.0
 """
 How long to look for services, and to wait for their answers [s]: who wants to stop has a reason,
 and a busy machine may take seconds to discover what there is.
+"""
+
+ASK_AGAIN = 1.0
+"""
+How long to wait for an answer before asking again [s]: a server that has not discovered by then
+who asks drops its answer.
 """
 
 SETTLED = 1.0
@@ -53,8 +60,13 @@ def main(data: bool, namespace: str = '', arguments: Sequence[str] = ()) -> int:
     spinner = executor.make_executor(context)
     spinner.add_node(node)
     pattern = re.compile(re.escape(namespace) + r'/(plant|body_\d+)/stop')
-    asked: dict[str, Any] = {}
+    asked: dict[str, list[Any]] = {}  # futures of the answers
+    asked_at: dict[str, float] = {}
     clients = {}
+
+    def answer(name: str) -> Any:
+        """Return the answer of a service, or None if there is none yet."""
+        return next((future.result() for future in asked.get(name, ()) if future.done()), None)
     try:
         begun = last = time.monotonic()
         while (now := time.monotonic()) - begun < PATIENCE:
@@ -64,18 +76,22 @@ def main(data: bool, namespace: str = '', arguments: Sequence[str] = ()) -> int:
                     clients[name] = node.create_client(SetBool, name)
                     last = now
             for name, client in clients.items():
-                if name not in asked and client.service_is_ready():
-                    asked[name] = client.call_async(SetBool.Request(data=data))
-            answered = all(name in asked and asked[name].done() for name in clients)
+                if client.service_is_ready() and answer(name) is None \
+                        and now - asked_at.get(name, -math.inf) > ASK_AGAIN:
+                    asked.setdefault(name, []).append(
+                        client.call_async(SetBool.Request(data=data)))
+                    asked_at[name] = now
+            answered = all(answer(name) is not None for name in clients)
             if clients and answered and now - last > SETTLED:
                 break
             ports.reopen_lost()
             spinner.spin_once(timeout_sec=0.02)
         missed = 0
         for name in sorted(clients):
-            done = name in asked and asked[name].done() and asked[name].result().success
+            response = answer(name)
+            done = response is not None and response.success
             missed += not done
-            print(f'{name}: {asked[name].result().message if done else "no answer"}')
+            print(f'{name}: {response.message if done else "no answer"}')
         if not clients:
             print('tetra: error: there is nothing to stop: no plant and no body was found',
                   file=sys.stderr)
