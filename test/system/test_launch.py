@@ -91,8 +91,19 @@ class Launch:
         else:
             assert 'Traceback' not in self.output, self.output
             assert 'process has died' not in self.output, self.output
+        deadline = time.monotonic() + 5.0
         for pid in re.findall(r'process started with pid \[(\d+)\]', self.output):
-            assert not Path(f'/proc/{pid}').exists(), self.output
+            while not has_ended(pid):  # it has closed its output, and the rest takes a moment
+                assert time.monotonic() < deadline, self.output
+                time.sleep(0.01)
+
+
+def has_ended(pid):
+    """Return whether a process has; it may wait for whoever has it now to take note of that."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] in 'XZ'
+    except (FileNotFoundError, ProcessLookupError):
+        return True
 
 
 def launch(workspace, *arguments, **kwargs):
