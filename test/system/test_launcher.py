@@ -181,9 +181,9 @@ def test_a_second_formation_in_the_same_namespace_is_refused_or_reported(probe):
     with Launcher('complete') as first:
         try:
             with Launcher('complete', parameters={'real_time_factor': 1.0}) as second:
-                # DDS may take seconds to show the one to the other.
-                spin_while(second, probe, second.monitor.publisher_conflicts, 'the conflict')
-                assert '/formation/attitudes' in second.monitor.publisher_conflicts()
+                # DDS may take seconds to show the one to the other, topic by topic.
+                spin_while(second, probe, lambda: '/formation/attitudes' in
+                           second.monitor.publisher_conflicts(), 'the conflict')
                 second.monitor.health.report()
                 assert 'more than one publisher' in second.monitor.health.message
         except ConfigurationError as error:
