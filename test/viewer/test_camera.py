@@ -66,7 +66,8 @@ class Camera:
             'image_height': height, 'image_width': width, 'look_at': [0.0, 0.0, 0.0],
             'up_direction': [0.0, 0.0, 1.0], **message}))
         deadline = time.monotonic() + DEADLINE
-        while not server.get_clients():
+        # viser has what is to be done for a new browser done in another thread.
+        while not (server.get_clients() and server.placed):
             assert time.monotonic() < deadline, 'no browser'
             time.sleep(0.01)
         client, = server.get_clients().values()
@@ -88,8 +89,17 @@ class Camera:
 
 
 @pytest.fixture
-def site():
+def site(monkeypatch):
     server = servers.serve('127.0.0.1', 0)
+    server.placed, watch = [], Cameras._watch_size
+
+    def note(self, client):
+        try:
+            watch(self, client)
+        finally:
+            server.placed.append(client)
+
+    monkeypatch.setattr(Cameras, '_watch_size', note)
     yield server, Bodies(server), Cameras(server)
     servers.stop(server)
 
