@@ -20,8 +20,8 @@ moment one of its processes, or the recorder together with the process that writ
 SIGKILL. Then the bag, after ``tetra recover`` where it is torn, must hold every message that came
 more than a second before: no fewer on any topic than the recorder had told in its diagnostics by
 then, every state in between that somebody who listens had heard, and the last stamp of each topic
-no older than a second against that. A second is what the two processes need that a message goes
-through. Whoever of them was ready to run meanwhile and was given no processor has as much longer.
+no older than a second against that. How long the two processes through which a message goes were
+ready meanwhile and were given no processor is told beside it: nobody can write then.
 """
 
 import argparse
@@ -267,7 +267,7 @@ class Formation:
         _wait(lambda: not Path(f'/proc/{writer}').exists(), 'the end of the process that writes')
         heard = [(stamp, at) for stamp, at in list(self.listener.heard) if at <= killed]
         told = [counts for counts, at in list(self.listener.counts)
-                if at <= killed - (PROMISE + waiting.seconds[writer]) * 1e9]
+                if at <= killed - PROMISE * 1e9]
         return _look(path, heard, told[-1] if told else {}, killed, sum(waiting.seconds.values()))
 
 
@@ -294,7 +294,7 @@ def _writer_of(parent):
     raise RuntimeError(f'nobody writes for {parent}')
 
 
-def _look(path, heard, told, killed, waited=0.0):
+def _look(path, heard, told, killed, waited):
     """Read a bag, after recovering it if it is torn, and compare it with what was heard."""
     torn = not recover.is_whole(path)
     if torn:
@@ -324,7 +324,7 @@ def _look(path, heard, told, killed, waited=0.0):
         last = max(found)
         missing = [at for stamp, at in heard if stamp > last]
         lost, where = max((lost, where), ((killed - min(missing, default=killed)) / 1e9, topic))
-    problem = None if lost <= PROMISE + waited else f'{lost:.2f} s are lost on {where}'
+    problem = None if lost <= PROMISE else f'{lost:.2f} s are lost on {where}'
     return Outcome(torn, lost, problem, waited)
 
 
@@ -403,10 +403,13 @@ def main():
     parser.add_argument('--jobs', type=int, default=2, metavar='N',
                         help='formations at a time (default: %(default)s)')
     parser.add_argument('--keep', type=Path, metavar='DIR',
-                        help='where to leave the bags with which something is wrong')
+                        help='a directory to make, for the bags with which something is wrong')
     arguments = parser.parse_args()
     if arguments.keep is not None:
-        arguments.keep.mkdir(parents=True, exist_ok=True)
+        try:
+            arguments.keep.mkdir(parents=True)
+        except OSError as error:  # bags of another run may have the same names
+            parser.error(f'--keep: {arguments.keep}: {error.strerror}')
 
     def progress(number, layout, victim, storage, outcome):
         print(f'{number}: {layout}, {victim}, {storage}: '

@@ -59,10 +59,10 @@ def start_all(processes, config, order_seed, *plant_arguments):
 def test_six_processes_in_lockstep_equal_the_simulation_to_the_last_bit(
         processes, probe, config):
     probe.listen_to_attitudes()
-    started = start_all(processes, config, 1, '-p', 'duration:=10.0', '-p', 'seed:=6')
-    probe.wait_for(lambda: probe.stamp() >= 10.01e9, 'the last step')
-    assert probe.stamp() == 10_010_000_000
-    assert probe.attitudes().tolist() == expected_attitudes(config, 6, 1000)
+    started = start_all(processes, config, 1, '-p', 'duration:=20.0', '-p', 'seed:=6')
+    probe.wait_for(lambda: probe.stamp() >= 20.01e9, 'the last step')
+    assert probe.stamp() == 20_010_000_000
+    assert probe.attitudes().tolist() == expected_attitudes(config, 6, 2000)
     for process in started.values():
         status, output = interrupt(process)
         assert status == 0, output
@@ -236,7 +236,7 @@ sys.exit(main(sys.argv[1:]))
 
 def test_an_rclpy_without_the_events_executor_will_do(tmp_path, processes, probe):
     launcher = processes.python(
-        '-c', WITHOUT_EVENTS, 'launcher', '--config', 'complete', '--duration', '8', '--seed',
+        '-c', WITHOUT_EVENTS, 'launcher', '--config', 'complete', '--duration', '15', '--seed',
         '7', '--record', tmp_path / 'bag')
     output, _ = launcher.communicate(timeout=DEADLINE)
     assert launcher.returncode == 0, output
@@ -244,8 +244,8 @@ def test_an_rclpy_without_the_events_executor_will_do(tmp_path, processes, probe
     counts = {t['topic_metadata']['name']: t['message_count'] for t in yaml.safe_load(
         (tmp_path / 'bag' / 'metadata.yaml').read_text())[
             'rosbag2_bagfile_information']['topics_with_message_count']}
-    assert counts['/formation/error'] == 801
-    assert counts['/agent_1/cmd_vel'] >= 800
+    assert counts['/formation/error'] == 1501
+    assert counts['/agent_1/cmd_vel'] >= 1500
     monitor = processes.python('-c', WITHOUT_EVENTS, 'monitor', '--config', 'complete')
     probe.wait_for_health('/monitor', lambda s: 'waiting' in s.message, 'the monitor')
     begun = time.monotonic()

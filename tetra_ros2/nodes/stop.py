@@ -67,6 +67,7 @@ def main(data: bool, namespace: str = '', arguments: Sequence[str] = ()) -> int:
     def answer(name: str) -> Any:
         """Return the answer of a service, or None if there is none yet."""
         return next((future.result() for future in asked.get(name, ()) if future.done()), None)
+
     try:
         begun = last = time.monotonic()
         while (now := time.monotonic()) - begun < PATIENCE:
