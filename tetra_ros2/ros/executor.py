@@ -31,7 +31,7 @@ from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.task import Future
 from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
-from tetra_ros2.ros import ports, shared_memory
+from tetra_ros2.ros import fastdds, ports, shared_memory
 
 if TYPE_CHECKING:
     from tetra_ros2.ros.node import FormationNode
@@ -222,6 +222,7 @@ def initialize(context: Context, arguments: list[str]) -> None:
             f'{domain!r} is not valid, expected an integer from 0 to {LARGEST_DOMAIN}',
             key='ROS_DOMAIN_ID')
     shared_memory.prepare()
+    fastdds.load_profiles()
     try:
         context.init(arguments)
     except Exception as error:  # rclpy has no public class for what rcl refuses
