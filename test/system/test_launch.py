@@ -73,7 +73,14 @@ class Launch:
 
     def end(self):
         """Wait for the end, and return the exit status."""
-        rest, _ = self.process.communicate(timeout=DEADLINE)
+        try:
+            rest, _ = self.process.communicate(timeout=DEADLINE)
+        except subprocess.TimeoutExpired as error:
+            self.output += (error.output or b'').decode()
+            left = subprocess.run(
+                ['ps', '-s', str(self.process.pid), '-L', '-o', 'pid,tid,stat,wchan:24,args'],
+                capture_output=True, text=True, check=False).stdout
+            pytest.fail(f'it did not end; what is left:\n{left}\n{self.output}', pytrace=False)
         self.output += rest
         return self.process.returncode
 
