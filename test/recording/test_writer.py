@@ -78,6 +78,14 @@ def test_a_signal_to_everybody_does_not_tear_the_bag(tmp_path, writer, number):
     assert len(read(tmp_path / 'bag')) == 1
 
 
+@pytest.mark.skipif(sys.version_info < (3, 11), reason='needs a newer Python')
+def test_it_has_a_group_of_its_own_but_no_session(writer):
+    """A session of its own got no processor for up to 2.4 s on a busy machine."""
+    pid = writer._process.pid
+    assert os.getpgid(pid) == pid
+    assert os.getsid(pid) == os.getsid(0)
+
+
 def test_a_writer_that_was_killed_is_an_error(writer):
     topic = announce(writer)
     writer._process.kill()

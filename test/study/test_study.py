@@ -23,7 +23,7 @@ import subprocess
 import sys
 import time
 
-from harness import DEADLINE
+from harness import DEADLINE, OWN_GROUP
 import numpy as np
 import pytest
 from tetra_ros2.cli import main
@@ -179,7 +179,7 @@ def test_a_study_goes_on_where_it_was_stopped(tmp_path, inline):
     def stop(how, *resume):
         with subprocess.Popen(
                 [sys.executable, '-c', STOPPING, 'study', '--starts', '60', '--workers', '1',
-                 '--quiet', '--out', stopped, *resume], start_new_session=True, text=True,
+                 '--quiet', '--out', stopped, *resume], **OWN_GROUP, text=True,
                 env={**os.environ, 'PYTHONPATH': str(TOP)}, stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
             assert process.stdout.readline() == 'kept\n'
@@ -200,7 +200,7 @@ def test_a_study_goes_on_where_it_was_stopped(tmp_path, inline):
 def test_ctrl_c_at_any_moment_ends_all_processes_without_a_traceback(tmp_path, moment):
     with subprocess.Popen(
             [sys.executable, '-m', 'tetra_ros2', 'study', '--starts', '200000', '--workers', '3',
-             '--out', tmp_path / 'a'], start_new_session=True, text=True,
+             '--out', tmp_path / 'a'], **OWN_GROUP, text=True,
             env={**os.environ, 'PYTHONPATH': str(TOP)},
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
         time.sleep(moment)  # what is tested is the moment, whatever may be going on in it
@@ -215,7 +215,7 @@ def test_ctrl_c_at_any_moment_ends_all_processes_without_a_traceback(tmp_path, m
 def test_workers_end_with_the_process_that_was_called(tmp_path):
     with subprocess.Popen(
             [sys.executable, '-c', STOPPING, 'study', '--starts', '60', '--workers', '1',
-             '--quiet', '--out', tmp_path / 'a'], start_new_session=True, text=True,
+             '--quiet', '--out', tmp_path / 'a'], **OWN_GROUP, text=True,
             env={**os.environ, 'PYTHONPATH': str(TOP)}, stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
         assert process.stdout.readline() == 'kept\n'

@@ -23,7 +23,7 @@ import subprocess
 import sys
 import time
 
-from harness import DEADLINE, NOT_COVERED
+from harness import DEADLINE, NOT_COVERED, OWN_GROUP
 import pytest
 
 pytest.importorskip('launch_ros', reason='ros2 launch comes with ROS 2, and is not among wheels')
@@ -47,7 +47,7 @@ class Launch:
         self.process = subprocess.Popen(
             ['bash', '-c', '. install/setup.bash && exec "$@"', 'bash', *prefix,
              'ros2', 'launch', *map(str, arguments)],
-            cwd=workspace, env=environment, text=True, start_new_session=True,
+            cwd=workspace, env=environment, text=True, **OWN_GROUP,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         self.output = ''
 
@@ -78,8 +78,10 @@ class Launch:
         except subprocess.TimeoutExpired as error:
             self.output += (error.output or b'').decode()
             left = subprocess.run(
-                ['ps', '-s', str(self.process.pid), '-L', '-o', 'pid,tid,stat,wchan:24,args'],
+                ['ps', '-eL', '-o', 'pgid,pid,tid,stat,wchan:24,args'],
                 capture_output=True, text=True, check=False).stdout
+            left = '\n'.join(line for line in left.splitlines()
+                             if line.split()[0] in {'PGID', str(self.process.pid)})
             pytest.fail(f'it did not end; what is left:\n{left}\n{self.output}', pytrace=False)
         self.output += rest
         return self.process.returncode
