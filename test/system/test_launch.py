@@ -128,9 +128,16 @@ def parameters(probe, node, *names):
     return [value.string_value or value.integer_value for value in response.values]
 
 
+def wait_for_all_nodes(probe):
+    """Wait until no process is in its first lines, where a signal is the interpreter's."""
+    nodes = {'plant', 'monitor', 'agent_1', 'agent_2', 'agent_3', 'agent_4'}
+    probe.wait_for(lambda: nodes <= set(probe.node.get_node_names()), 'all nodes')
+
+
 def test_mode_and_seed_come_before_what_the_configuration_says(workspace, probe):
     with launch(workspace, 'config:=rotating', 'mode:=realtime', 'seed:=11') as started:
         assert parameters(probe, 'plant', 'mode', 'seed') == ['realtime', 11]
+        wait_for_all_nodes(probe)
         started.interrupt()
         started.end()
         started.assert_clean()
@@ -147,6 +154,7 @@ def test_bodies_with_mass_turn_under_the_launch_file(workspace, probe, tmp_path,
         probe.listen(JointState, 'agent_2/joint_states')
         received = probe.received['agent_2/joint_states']
         probe.wait_for(lambda: received and any(received[-1].velocity), 'joints that move')
+        wait_for_all_nodes(probe)
         started.interrupt()
         started.end()
         started.assert_clean()
@@ -227,6 +235,7 @@ def test_many_signals_while_it_ends_do_no_harm(workspace, probe):
     with launch(workspace) as started:
         probe.listen_to_attitudes()
         probe.wait_for(lambda: probe.stamp() > 1e9, 'a second')
+        wait_for_all_nodes(probe)
         for _ in range(10):
             started.interrupt()
             time.sleep(0.05)  # as fast as a person can
