@@ -42,14 +42,6 @@ DEADLINE = 60.0
 ASK_AGAIN = 5.0
 """How long to wait for an answer before asking again [s]."""
 
-OWN_GROUP = {'process_group': 0} if sys.version_info >= (3, 11) else {'start_new_session': True}
-"""
-Has a process and those that it starts be signalled together, as those of a terminal's command.
-
-A session of their own would do, too, but Linux divides the processor among sessions, and on a busy
-machine a new one may get none for seconds.
-"""
-
 NOT_COVERED = pytest.mark.skipif(
     'COVERAGE_RUN' in os.environ,
     reason='coverage loads first in each process, and saves last: a signal would find it instead')

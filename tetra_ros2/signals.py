@@ -24,6 +24,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 import os
 import signal
+import sys
 from types import FrameType
 from typing import Any
 
@@ -32,6 +33,15 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as a shell has it."""
+
+OWN_GROUP: dict[str, Any] = (
+    {'process_group': 0} if sys.version_info >= (3, 11) else {'start_new_session': True})
+"""
+What has ``subprocess.Popen`` start a process that Ctrl-C on this one's terminal does not reach.
+
+A session of its own would do, too. But Linux divides the processor among sessions first, and on a
+busy machine a new one was seen to get none for two seconds.
+"""
 
 _interrupted = False
 

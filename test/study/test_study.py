@@ -23,13 +23,13 @@ import subprocess
 import sys
 import time
 
-from harness import DEADLINE, OWN_GROUP
+from harness import DEADLINE
 import numpy as np
 import pytest
 from tetra_ros2.cli import main
 from tetra_ros2.commands import study as command
 from tetra_ros2.launcher import Launcher
-from tetra_ros2.signals import INTERRUPTED
+from tetra_ros2.signals import INTERRUPTED, OWN_GROUP
 from tetra_ros2.study import executors, montecarlo
 
 ARGUMENTS = ['--gain', 'cosine', '--gain', 'exponential', '--starts', '60']
@@ -152,7 +152,7 @@ def test_a_local_cluster_gives_the_same_files(tmp_path):
 STOPPING = """
 import sys
 from tetra_ros2.cli import main
-from tetra_ros2.signals import INTERRUPTED
+from tetra_ros2.signals import INTERRUPTED, OWN_GROUP
 from tetra_ros2.study import montecarlo
 
 compute = montecarlo.compute

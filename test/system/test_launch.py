@@ -23,8 +23,9 @@ import subprocess
 import sys
 import time
 
-from harness import DEADLINE, NOT_COVERED, OWN_GROUP
+from harness import DEADLINE, NOT_COVERED
 import pytest
+from tetra_ros2.signals import OWN_GROUP
 
 pytest.importorskip('launch_ros', reason='ros2 launch comes with ROS 2, and is not among wheels')
 from rcl_interfaces.srv import GetParameters  # noqa: E402

@@ -38,6 +38,8 @@ import sys
 import time
 from typing import Any, TYPE_CHECKING
 
+from tetra_ros2.signals import OWN_GROUP
+
 if TYPE_CHECKING:
     from io import RawIOBase
 
@@ -82,13 +84,9 @@ class BagWriter:
     """
 
     def __init__(self, path: Path, storage: str) -> None:
-        # In a group of its own, so that Ctrl-C on a terminal is the recorder's alone. Not in a
-        # session of its own: Linux divides the processor among sessions, and on a busy machine a
-        # new one was seen to get none for two seconds.
-        group: dict[str, Any] = (
-            {'process_group': 0} if sys.version_info >= (3, 11) else {'start_new_session': True})
+        # So that Ctrl-C is the recorder's alone.
         self._process = subprocess.Popen(
-            [sys.executable, '-m', __name__, str(path), storage], **group,
+            [sys.executable, '-m', __name__, str(path), storage], **OWN_GROUP,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
             pipesize=PIPE_SIZE if sys.platform == 'linux' else -1)
