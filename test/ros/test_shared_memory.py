@@ -116,6 +116,21 @@ def test_only_what_is_dead_and_settled_and_a_segment_is_removed(tmp_path):
     assert shared_memory.remove_dead(tmp_path / 'nowhere') == 0
 
 
+def test_a_start_removes_what_is_dead_and_settled(tmp_path, monkeypatch):
+    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')  # so that room is not looked for
+    dead, living = ('fastrtps_' + c * 16 for c in 'ab')
+    make(tmp_path, dead)
+    make(tmp_path, living)
+    with (tmp_path / f'{living}_el').open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        shared_memory.prepare(tmp_path)
+        assert (tmp_path / dead).exists(), 'it may be about to be locked'
+        later = time.time() + 2.0 * shared_memory.SETTLED  # no file can be made older
+        monkeypatch.setattr(shared_memory.time, 'time', lambda: later)
+        shared_memory.prepare(tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {living, f'{living}_el'}
+
+
 MADE, MAKING = struct.pack('<I', 2), struct.pack('<I', 1)
 
 
