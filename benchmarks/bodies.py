@@ -46,6 +46,7 @@ from tetra_ros2.formation import (
 from tetra_ros2.formation.simulation import SampledLoop
 from tetra_ros2.physics.bodies import make_bodies
 from tetra_ros2.physics.settings import Physics, RateLoop, Wheels
+from tetra_ros2.ros.executor import leave
 
 TETRAHEDRON = shapes.TETRAHEDRON.points
 THETA = math.acos(-1.0 / 3.0)
@@ -268,9 +269,7 @@ def schedule(seconds=30.0):
             for process in started:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     process.wait(20)
-            executor.shutdown()
-            node.destroy_node()
-            context.try_shutdown()
+            leave(executor)
         times = np.array([1e3 * m.header.stamp.sec + 1e-6 * m.header.stamp.nanosec
                           for m in messages])
         times -= times[0]

@@ -51,6 +51,7 @@ from rclpy.node import Node
 from rosbags.rosbag2 import Reader
 from tetra_ros2.recording import recover
 from tetra_ros2.ros import ports
+from tetra_ros2.ros.executor import leave
 
 PROMISE = 1.0
 """How old a message may be that is lost [s]."""
@@ -144,10 +145,7 @@ class Listener:
         """Listen no more."""
         self._ending = True
         self._thread.join()
-        for node in self._executor.get_nodes():
-            node.destroy_node()
-        self._executor.shutdown()
-        self.context.try_shutdown()
+        leave(self._executor)
 
 
 class Waiting(threading.Thread):

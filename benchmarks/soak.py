@@ -45,6 +45,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from tetra_ros2.ros import ports
+from tetra_ros2.ros.executor import leave
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -160,9 +161,9 @@ def visit(domain: int) -> bool:
     context.init(domain_id=domain)
     node = Node('visitor', context=context)
     ports.reopen_lost(new=True)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
     try:
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
         heard: list[bytes] = []
         node.create_subscription(PoseArray, 'formation/attitudes', heard.append, 1, raw=True)
         client = node.create_client(GetParameters, 'plant/get_parameters')
@@ -173,11 +174,9 @@ def visit(domain: int) -> bool:
                 answer = client.call_async(GetParameters.Request(names=['rate']))
             executor.spin_once(timeout_sec=0.1)
             ports.reopen_lost()
-        executor.shutdown()
         return bool(heard) and answer is not None and answer.done()
     finally:
-        node.destroy_node()  # its part of the shared memory is there until then
-        context.try_shutdown()
+        leave(executor)
 
 
 def watch(pids: dict[str, int], seconds: float, period: float, table: Path,

@@ -41,7 +41,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 from tetra_ros2.formation.checks import Rejected
-from tetra_ros2.ros.executor import make_executor, spin_some
+from tetra_ros2.ros.executor import leave, make_executor, spin_some
 from tetra_ros2.wire import cdr, names
 
 THETA_STAR = math.acos(-1.0 / 3.0)
@@ -137,9 +137,7 @@ class Watcher:
         """Leave."""
         self._stopping = True
         self._thread.join()
-        self.node.destroy_node()
-        self._executor.shutdown()
-        self._context.try_shutdown()
+        leave(self._executor)
 
     def _spin(self) -> None:
         never = Future(executor=self._executor)

@@ -16,7 +16,8 @@
 Looking at a formation from outside: processes to start, and a plain node to listen with.
 
 The node uses message objects and rclpy's default executor, as somebody else's would, and nothing
-of the package under test but what keeps it from being deaf after processes were killed.
+of the package under test but what keeps it from being deaf after processes were killed, and from
+hanging where it leaves while others do.
 """
 
 from collections import defaultdict
@@ -35,6 +36,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from tetra_ros2.ros import ports
+from tetra_ros2.ros.executor import leave
 
 DEADLINE = 60.0
 """How long anything may take [s]; far more than it does."""
@@ -46,6 +48,15 @@ NOT_COVERED = pytest.mark.skipif(
     'COVERAGE_RUN' in os.environ,
     reason='coverage loads first in each process, and saves last: a signal would find it instead')
 """For tests of a signal at any moment of a process."""
+
+
+def until(condition):
+    """Wait until a condition holds, and return what it gave."""
+    deadline = time.monotonic() + DEADLINE
+    while not (result := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return result
 
 
 class Probe:
@@ -64,8 +75,7 @@ class Probe:
         return self
 
     def __exit__(self, *_):
-        self.node.destroy_node()
-        self.context.try_shutdown()
+        leave(self.executor)
 
     def listen(self, message_type, topic, depth=10000):
         """Keep what comes on a topic from now on."""

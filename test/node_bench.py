@@ -20,7 +20,7 @@ from harness import values
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-from tetra_ros2.ros.executor import make_executor, spin_some
+from tetra_ros2.ros.executor import leave, make_executor, spin_some
 
 
 class Bench:
@@ -42,9 +42,7 @@ class Bench:
 
     def __exit__(self, *_):
         self.node.close()
-        self.node.destroy_node()
-        self.executor.shutdown()
-        self.context.try_shutdown()
+        leave(self.executor)
 
     def wait_for(self, condition, what):
         def step():

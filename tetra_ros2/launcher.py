@@ -49,6 +49,7 @@ from tetra_ros2.nodes.plant import Plant
 from tetra_ros2.ros.executor import (
     initialize,
     keep_watch,
+    leave,
     local_by_default,
     look_around,
     make_executor,
@@ -408,15 +409,8 @@ class Launcher:
         if self.recorder is not None:
             self._drain()
             self.recorder.close()
-        for node in self.nodes:
-            self.executor.remove_node(node)
-            node.destroy_node()
-        if self.executor is not None:
-            self.executor.shutdown()  # the events executor holds on to the nodes until then
-            self.executor = None
-        if self._context is not None:
-            self._context.try_shutdown()
-            self._context = None
+        leave(self.executor)
+        self.executor = self._context = None
 
     def _drain(self) -> None:
         """Let the recorder have what is still on its way."""

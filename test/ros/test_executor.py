@@ -21,7 +21,11 @@ import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from tetra_ros2 import signals
-from tetra_ros2.ros.executor import until_signalled
+from tetra_ros2.config.share import shipped
+from tetra_ros2.launcher import Launcher
+from tetra_ros2.ros import fastdds
+from tetra_ros2.ros.executor import leave, run, until_signalled
+from tetra_ros2.ros.node import FormationNode
 
 
 @pytest.fixture
@@ -39,8 +43,7 @@ def executor():
     context.init()
     made = SingleThreadedExecutor(context=context)
     yield made
-    made.shutdown()
-    context.try_shutdown()
+    leave(made)
 
 
 @pytest.mark.timeout(30)
@@ -63,3 +66,37 @@ def test_a_signal_that_came_while_libraries_were_loading_counts_though_one_swall
     with until_signalled(executor) as signalled:
         signalled.look()
         assert signalled.future.done()
+
+
+class Brief(FormationNode):
+    """A node that wants to leave as soon as it is there."""
+
+    def __init__(self, **kwargs):
+        super().__init__('brief', **kwargs)
+        self.create_timer(0.01, lambda: signal.raise_signal(signal.SIGINT))
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Return the names of the nodes for which Fast DDS was asked to stop, and whether it did."""
+    found = {}
+    stop = fastdds.stop_listening
+    monkeypatch.setattr(
+        fastdds, 'stop_listening', lambda node: found.update({node.get_name(): stop(node)}))
+    return found
+
+
+def test_a_node_that_leaves_waits_with_a_limit_for_what_it_is_being_told(handlers, asked):
+    assert run(Brief) == 0
+    assert asked == {'brief': True}
+
+
+def test_a_launcher_that_leaves_waits_with_a_limit_for_what_it_is_being_told(asked):
+    with Launcher(shipped()['complete']) as formation:
+        formation.run_for(0.01)
+        assert not asked
+    assert asked == dict.fromkeys(
+        ('plant', 'monitor', 'agent_1', 'agent_2', 'agent_3', 'agent_4'), True)

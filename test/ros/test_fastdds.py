@@ -15,8 +15,14 @@
 import os
 from xml.etree import ElementTree
 
+from harness import until
 import pytest
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import Empty
 from tetra_ros2.ros import fastdds
+from tetra_ros2.ros.executor import leave
 
 
 @pytest.fixture(autouse=True)
@@ -44,3 +50,48 @@ def test_profiles_in_the_working_directory_are_the_users():
     fastdds.LOCAL.write_text('<profiles/>')
     fastdds.load_profiles()
     assert fastdds.VARIABLE not in os.environ
+
+
+@pytest.fixture
+def make_node():
+    """Give what makes a node in a context, and with it a participant, of its own."""
+    executors = []
+
+    def make(name):
+        context = Context()
+        context.init()
+        executor = SingleThreadedExecutor(context=context)
+        executors.append(executor)
+        node = Node(name, context=context)
+        executor.add_node(node)
+        return node
+
+    yield make
+    for executor in executors:
+        leave(executor)
+
+
+def test_a_context_that_has_stopped_listening_is_told_of_nobody(make_node):
+    listening, leaving, coming = map(make_node, ('listening', 'leaving', 'coming'))
+    coming.create_publisher(Empty, 'before', 1)
+    for node in (listening, leaving):
+        until(lambda node=node: node.count_publishers('before') == 1)
+    assert fastdds.stop_listening(leaving)
+    assert fastdds.stop_listening(leaving), 'once more does no harm'
+    coming.create_publisher(Empty, 'after', 1)
+    until(lambda: listening.count_publishers('after') == 1)
+    assert leaving.count_publishers('after') == 0
+    leaving.create_publisher(Empty, 'own', 1)
+    until(lambda: listening.count_publishers('own') == 1)
+
+
+@pytest.mark.parametrize('name', ['_RCL', '_RMW', '_FASTDDS', '_GET_PARTICIPANT', '_SET_LISTENER'])
+def test_another_middleware_or_another_version_is_left_alone(make_node, monkeypatch, name):
+    monkeypatch.setattr(fastdds, name, 'libanother.so')
+    assert not fastdds.stop_listening(make_node('somebody'))
+
+
+def test_a_node_that_is_gone_is_left_alone(make_node):
+    node = make_node('gone')
+    node.destroy_node()
+    assert not fastdds.stop_listening(node)

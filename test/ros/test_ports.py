@@ -20,14 +20,15 @@ import mmap
 import os
 from pathlib import Path
 import struct
-import time
 
-from harness import DEADLINE, interrupt, Probe
+from harness import interrupt, Probe, until
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from tetra_ros2.ros import ports
+from tetra_ros2.ros.executor import leave
 from tetra_ros2.ros.shared_memory import DIRECTORY
 
 pytestmark = pytest.mark.skipif(not DIRECTORY.is_dir(), reason='there is no /dev/shm')
@@ -45,14 +46,6 @@ def ports_of(pid):
             if '/fastrtps_port' in link and link.endswith('_el'):
                 found.add(Path(link).name.removesuffix('_el'))
     return found
-
-
-def until(condition):
-    deadline = time.monotonic() + DEADLINE
-    while not (result := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return result
 
 
 def test_a_running_node_that_nobody_can_find_any_more_is_found_again(processes):
@@ -76,7 +69,8 @@ def test_a_running_node_that_nobody_can_find_any_more_is_found_again(processes):
 def test_a_port_that_was_lost_is_opened_again_within_a_moment():
     context = Context()
     context.init()
-    node = Node('lodger', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(Node('lodger', context=context))
     try:
         assert ports.reopen_lost(new=True) == []
         mine = ports_of(os.getpid())
@@ -88,8 +82,7 @@ def test_a_port_that_was_lost_is_opened_again_within_a_moment():
         assert ports_of(os.getpid()) == mine
         assert all((DIRECTORY / name).exists() for name in mine)
     finally:
-        node.destroy_node()
-        context.try_shutdown()
+        leave(executor)
     for _ in range(200):
         ports.reopen_lost()
     assert not mine & ports._found.keys(), 'nobody listens there any more'

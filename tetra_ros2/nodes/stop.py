@@ -98,6 +98,4 @@ def main(data: bool, namespace: str = '', arguments: Sequence[str] = ()) -> int:
                   file=sys.stderr)
         return int(missed > 0 or not clients)
     finally:
-        spinner.shutdown()
-        node.destroy_node()
-        context.try_shutdown()
+        executor.leave(spinner)

@@ -28,6 +28,7 @@ from typing import Any, TYPE_CHECKING, TypeVar
 from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.node import Node
 from rclpy.task import Future
 from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
@@ -229,6 +230,23 @@ def initialize(context: Context, arguments: list[str]) -> None:
         raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from None
 
 
+def leave(executor: Executor, *nodes: Node) -> None:
+    """
+    Destroy the nodes of an executor and others of its context, the executor and the context.
+
+    :param executor: all nodes of its context are its own or among those given
+    :param nodes: those that are not in the executor
+    """
+    nodes = (*executor.get_nodes(), *nodes)
+    for node in nodes:
+        fastdds.stop_listening(node)
+    for node in nodes:
+        executor.remove_node(node)
+        node.destroy_node()
+    executor.shutdown()  # the events executor holds on to the nodes until then
+    executor.context.try_shutdown()
+
+
 def _make(make_node: Callable[..., N], **kwargs: Any) -> N:
     try:
         return make_node(**kwargs)
@@ -268,9 +286,6 @@ def run(make_node: Callable[..., FormationNode], config: str | Path | None = Non
                 pass
             finally:
                 node.close()
-                executor.remove_node(node)
-                node.destroy_node()
         return node.exit_status
     finally:
-        executor.shutdown()
-        context.try_shutdown()
+        leave(executor)
