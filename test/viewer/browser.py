@@ -35,9 +35,9 @@ FLAGS = ['--no-sandbox', '--disable-quic', '--no-first-run', '--disable-backgrou
          '--use-angle=swiftshader', '--enable-unsafe-swiftshader']
 
 SLOW_FRAMES = ('const now = () => performance.now();'
-               'window.requestAnimationFrame = f => setTimeout(() => f(now()), 500);'
+               'window.requestAnimationFrame = f => setTimeout(() => f(now()), 200);'
                'window.cancelAnimationFrame = clearTimeout;')
-"""Makes a browser draw two pictures a second: drawing is on the processor, and others want it."""
+"""Makes a browser draw five pictures a second: drawing is on the processor, and others want it."""
 
 
 @contextmanager
