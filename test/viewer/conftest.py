@@ -30,14 +30,14 @@ def chromium():
 @pytest.fixture
 def visit(chromium):
     """Return a function that opens an address in a browser of its own, and waits for the page."""
-    from browser import open_page, SLOW_FRAMES
+    from browser import CHEAP_PICTURES, open_page
     contexts = []
 
     # The fewer pixels the better, and the fewer pictures: the processor draws them.
     def open_(port, size=(800, 600), query='', watch=None):
         contexts.append(context := chromium.new_context(
             viewport={'width': size[0], 'height': size[1]}))
-        context.add_init_script(SLOW_FRAMES)
+        context.add_init_script(CHEAP_PICTURES)
         page = open_page(context, f'http://127.0.0.1:{port}/{query}', watch)
         page.get_by_text('charts', exact=True).wait_for()
         return page

@@ -18,7 +18,7 @@ import itertools
 import threading
 import time
 
-from browser import dismiss, has_hue, open_page, pixels, SLOW_FRAMES, until
+from browser import CHEAP_PICTURES, dismiss, has_hue, open_page, pixels, until
 import numpy as np
 import pytest
 from tetra_ros2.drawing import colors
@@ -108,7 +108,7 @@ def test_axis_solid_and_label_stay_together_in_motion(chromium, monkeypatch, per
     monkeypatch.setattr(colors, 'FACE', SOLID)
     context = chromium.new_context(viewport={'width': 640, 'height': 560})
     if slow:
-        context.add_init_script(SLOW_FRAMES)
+        context.add_init_script(CHEAP_PICTURES)
     try:
         with Turning(period) as turning:
             turning.server.gui.main_panel.float()  # and out of the picture's way

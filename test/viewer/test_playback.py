@@ -20,13 +20,13 @@ import signal
 import bags
 from browser import (
     charts,
+    CHEAP_PICTURES,
     dismiss,
     has_hue,
     is_whole,
     open_page,
     pixels,
     shown_time,
-    SLOW_FRAMES,
     until,
     wait_for_server,
 )
@@ -75,7 +75,7 @@ def test_a_recording_becomes_a_page_that_plays_without_a_server(chromium, tmp_pa
     assert 'MB; open it in a browser' in output
     assert (tmp_path / 'x.html').stat().st_size < 1.3e6
     context = chromium.new_context(viewport={'width': 420, 'height': 360}, offline=True)
-    context.add_init_script(SLOW_FRAMES)
+    context.add_init_script(CHEAP_PICTURES)
     try:
         page = open_page(context, f'file://{tmp_path}/x.html')
         page.locator('canvas').first.wait_for()
