@@ -39,7 +39,7 @@ from tetra_ros2.wire import names
 
 SIZES = {'usual': (1200, 800), 'small': (800, 600), 'phone': (390, 844)}
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.fixture(scope='module')
@@ -73,6 +73,13 @@ def moving(probe):
     points = np.array([[[p.position.x, p.position.y, p.position.z] for p in s.poses]
                        for s in states])
     return len(points) == 5 and float(np.max(np.ptp(points, axis=0))) > 0.0
+
+
+def paused(probe):
+    """Return whether the last states are one and the same, not only of bodies that are held."""
+    stamps = [(s.header.stamp.sec, s.header.stamp.nanosec)
+              for s in probe.received['formation/attitudes'][-5:]]
+    return len(stamps) == 5 and len(set(stamps)) == 1 and not moving(probe)
 
 
 def rows(page):
@@ -168,7 +175,7 @@ def test_buttons_act_on_the_topics_and_a_second_browser_sees_the_same(formation,
 
     page.get_by_role('button', name='Pause').click()
     second.get_by_text('Go on', exact=True).wait_for()
-    probe.wait_for(lambda: not moving(probe), 'rest')
+    probe.wait_for(lambda: paused(probe), 'rest')
     stamp = probe.stamp()
     received = len(probe.received['formation/attitudes'])
     probe.wait_for(lambda: len(probe.received['formation/attitudes']) > received + 5, 'repeats')
