@@ -28,7 +28,6 @@ from typing import Any, TYPE_CHECKING, TypeVar
 from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException
-from rclpy.node import Node
 from rclpy.task import Future
 from tetra_ros2 import signals
 from tetra_ros2.config.parameters import ConfigurationError
@@ -230,14 +229,13 @@ def initialize(context: Context, arguments: list[str]) -> None:
         raise ConfigurationError(str(error).splitlines()[0], source='--ros-args') from None
 
 
-def leave(executor: Executor, *nodes: Node) -> None:
+def leave(executor: Executor) -> None:
     """
-    Destroy the nodes of an executor and others of its context, the executor and the context.
+    Destroy the nodes of an executor, the executor, and its context.
 
-    :param executor: all nodes of its context are its own or among those given
-    :param nodes: those that are not in the executor
+    :param executor: which has all nodes of its context
     """
-    nodes = (*executor.get_nodes(), *nodes)
+    nodes = executor.get_nodes()
     for node in nodes:
         fastdds.stop_listening(node)
     for node in nodes:
