@@ -181,6 +181,17 @@ def test_with_simulated_time_silence_is_measured_in_that(probe, monkeypatch):
         assert bench.node._now() == 1.25
 
 
+def test_what_the_executor_hands_on_after_the_end_is_not_answered(alone):
+    alone.see(10**9)
+    alone.see(2 * 10**9, slots=(0, 1))
+    alone.node.close()
+    alone.see(2 * 10**9, slots=(2,))  # it completes the round
+    alone.see(3 * 10**9)
+    alone.tick()
+    alone.see(4 * 10**9)
+    assert [stamp for stamp, _ in alone.commanded] == [10**9, 10**9 + 1]
+
+
 def test_its_last_command_is_zero_if_there_was_any(probe, alone):
     alone.see(1000)
     alone.node.close()

@@ -215,9 +215,14 @@ def test_real_time_forms_too_and_keeps_the_time():
 
 def test_lockstep_keeps_a_pace_if_told_to():
     with Launcher('complete', parameters={'real_time_factor': 4.0}) as formation:
-        begun = time.monotonic()
-        formation.run_for(4.0)
-        assert 0.95 < time.monotonic() - begun < 5.0, 'never faster; slower on a busy machine'
+        for _ in range(5):  # slower on a busy machine, but not each time
+            begun = time.monotonic()
+            formation.run_for(4.0)
+            took = time.monotonic() - begun
+            assert took > 0.95, 'never faster'
+            if took < 3.0:
+                break
+        assert took < 3.0
 
 
 def test_run_until_stops_at_the_condition_or_at_the_timeout():

@@ -70,7 +70,8 @@ class Agent(FormationNode):
         self._state: tuple[bytes, str] = diagnostics.WARN, 'waiting for measurements'
         self._newest = 0  # stamp of the newest measurement ever answered [ns]
         self.answers = self.partial_answers = self.stops = 0
-        self._held: list[str] = []  # topics with two publishers, while it holds still for that
+        self._silent = False  # it holds still for a second publisher, or has closed
+        self._closed = False
         # Silence is measured in the time that the formation lives in.
         self._clock_of_ticks = self.steady_clock
         self._now: Callable[[], float] = time.monotonic
@@ -99,9 +100,12 @@ class Agent(FormationNode):
 
     def close(self) -> None:
         """Stop the body, for good: the last command is zero."""
+        # Nothing may be answered after the last command. The executor may have taken messages and
+        # ticks before, and hand them on later.
+        self._silent = self._closed = True
         if self._ticker is not None:
             self._ticker.cancel()
-        while self.inputs:  # nothing may be answered after the last command
+        while self.inputs:
             self.destroy_subscription(self.inputs.pop())
         self._stop()
         # The plant may listen with best effort; it has a time-out of its own for the worst case.
@@ -132,7 +136,7 @@ class Agent(FormationNode):
             try:
                 stamp, seen = decode(message)
                 rate = receive(slot, stamp, seen, now())
-                if rate is None or self._held:
+                if rate is None or self._silent:
                     return
                 send(encode(stamp, 0.0, 0.0, 0.0, *rate))
                 self._newest = stamp
@@ -151,18 +155,21 @@ class Agent(FormationNode):
 
     def _on_tick(self) -> None:
         """Answer with what there is, or stop, if no full set came since the last time."""
+        if self._closed:
+            return
         controller = self._controller
         now = controller.received, self.answers
         heard, answered = (a != b for a, b in zip(now, self._before))
         self._before = now
         newest = controller.stamp
-        self._held = self.publisher_conflicts() if self._hold else []
-        if self._held:
+        conflicts = self.publisher_conflicts() if self._hold else []
+        self._silent = bool(conflicts)
+        if conflicts:
             if newest:
                 self._newest = newest
             self._stop()
             self._state = diagnostics.ERROR, \
-                f'holding still, more than one publisher on {", ".join(self._held)}'
+                f'holding still, more than one publisher on {", ".join(conflicts)}'
             return
         if answered:
             self._state = diagnostics.OK, 'answering'
