@@ -38,7 +38,7 @@ from rclpy.node import Node
 from tetra_ros2.ros import ports
 from tetra_ros2.ros.executor import leave
 
-DEADLINE = 120.0
+DEADLINE = 60.0
 """How long anything may take [s]; far more than it does."""
 
 ASK_AGAIN = 5.0

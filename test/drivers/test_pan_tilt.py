@@ -36,7 +36,7 @@ def bus(tmp_path):
 
 @pytest.fixture
 def patient(monkeypatch):
-    """Have heads ask for long: on a busy machine a simulated servo may not answer in time."""
+    """Have a head ask for long: on a busy machine a simulated servo may not answer in time."""
     monkeypatch.setattr(pan_tilt, 'TRIES', 100)
 
 
@@ -60,7 +60,7 @@ def test_the_attitude_is_that_of_the_servos(bus):
     head.close()
 
 
-def test_the_head_turns_as_it_is_told(bus, patient):
+def test_the_head_turns_as_it_is_told(bus):
     head = PanTilt(port=bus.path)
     begun = time.monotonic()
     drive(head, (0.0, 0.5, 0.8), 0.4)
@@ -86,7 +86,7 @@ def test_a_rate_below_one_unit_of_the_servo_is_right_in_the_mean(bus):
     head.close()
 
 
-def test_limits_are_kept(bus, patient):
+def test_limits_are_kept(bus):
     head = PanTilt(port=bus.path, tilt_limits=(-0.25, 0.25))
     drive(head, (0.0, 5.0, 0.0), 1.0)
     assert head.angles[1] < 0.25 + 0.02

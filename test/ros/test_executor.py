@@ -84,8 +84,12 @@ def asked(monkeypatch):
     """Return the names of the nodes for which Fast DDS was asked to stop, and whether it did."""
     found = {}
     stop = fastdds.stop_listening
-    monkeypatch.setattr(
-        fastdds, 'stop_listening', lambda node: found.update({node.get_name(): stop(node)}))
+
+    def note(node):
+        found[node.get_name()] = stop(node)
+        return found[node.get_name()]
+
+    monkeypatch.setattr(fastdds, 'stop_listening', note)
     return found
 
 
@@ -98,5 +102,4 @@ def test_a_launcher_that_leaves_waits_with_a_limit_for_what_it_is_being_told(ask
     with Launcher(shipped()['complete']) as formation:
         formation.run_for(0.01)
         assert not asked
-    assert asked == dict.fromkeys(
-        ('plant', 'monitor', 'agent_1', 'agent_2', 'agent_3', 'agent_4'), True)
+    assert list(asked.values()) == [True], 'one is enough: they share a participant'

@@ -28,7 +28,7 @@ from tetra_ros2.viewer.scene import MOST_AGENTS
 SLOWLY = ('--ros-args', '-p', 'real_time_factor:=1.0')
 """Arguments of a formation that a page can follow."""
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = pytest.mark.timeout(300)
 
 def test_it_copes_with_a_plant_that_goes_and_another_that_comes(visit, processes, port):
     viewer = processes.tetra('viewer', '--port', port)

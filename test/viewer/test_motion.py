@@ -32,7 +32,7 @@ RATE = 2.5
 SOLID = '#00e000'
 AXIS = np.array([0.45, 0.2, 0.87]) / np.linalg.norm([0.45, 0.2, 0.87])
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = pytest.mark.timeout(300)
 
 
 class Turning:

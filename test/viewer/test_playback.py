@@ -39,7 +39,7 @@ from tetra_ros2.drawing import colors
 from tetra_ros2.formation import topology
 from tetra_ros2.viewer import export
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = pytest.mark.timeout(300)
 
 def test_a_recording_plays_and_its_slider_goes_anywhere(visit, processes, port, tmp_path):
     bags.write(tmp_path / 'bag', 3000, topology.rotating())

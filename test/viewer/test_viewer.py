@@ -39,7 +39,7 @@ from tetra_ros2.wire import names
 
 SIZES = {'usual': (1200, 800), 'small': (800, 600), 'phone': (390, 844)}
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = pytest.mark.timeout(300)
 
 
 @pytest.fixture(scope='module')
