@@ -46,8 +46,9 @@ import time
 import traceback
 from typing import Any
 
+from benchmarks import clocks
 from benchmarks.hosts import unavailable
-from benchmarks.rig import FAKETIME, GAIN, RATE, Rig, TOLERANCE
+from benchmarks.rig import GAIN, RATE, Rig, TOLERANCE
 from tetra_ros2.formation import Formation
 
 FORMATIONS = tuple((mode, graph) for mode in ('realtime', 'lockstep')
@@ -184,7 +185,7 @@ def run(mode: str, graph: str, first: int, count: int, seed: int, out: Path, ver
     from benchmarks.faults import FAULTS  # as above
     directory = Path(tempfile.mkdtemp(prefix='tetra_chaos_'))
     kinds = [kind for kind in FAULTS if (not only or kind in only)
-             and (kind != 'clock' or FAKETIME.exists())]
+             and (kind != 'clock' or clocks.LIBRARY.exists())]
     weights = [FAULTS[kind][0] for kind in kinds]
     good = True
     with Rig(mode, graph, seed, directory) as rig, out.open('a') as file:
@@ -353,8 +354,8 @@ def main() -> int:
         return run(*arguments.formation, arguments.first, arguments.faults, arguments.seed,
                    arguments.out, arguments.verbose, arguments.only)
     print(f'seed {arguments.seed}, {arguments.faults} faults', flush=True)
-    if not FAKETIME.exists():
-        print(f'no clock is set, as there is no {FAKETIME} (Debian package libfaketime)')
+    if not clocks.LIBRARY.exists():
+        print(f'no clock is set, as there is no {clocks.LIBRARY} (Debian package libfaketime)')
     if not arguments.go_on:
         arguments.out.unlink(missing_ok=True)
     shares = [Share(mode, graph, arguments) for mode, graph in FORMATIONS]

@@ -18,7 +18,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, ExitStack, suppress
 import os
 from pathlib import Path
-import re
 import shutil
 import signal
 import subprocess
@@ -26,9 +25,9 @@ import sys
 import time
 from typing import Any
 
+from benchmarks import clocks
 from benchmarks.hosts import Hosts
 from tetra_ros2.config import configuration
-from tetra_ros2.ros import shared_memory
 
 GAIN, RATE, TOLERANCE = 4.0, 50.0, 1e-2
 """Fast enough for many faults in an hour; at this rate sampling leaves the spin 2e-3 rad off."""
@@ -48,12 +47,6 @@ RECORDED = 2.0
 
 END_TIME = 60.0
 """How long the recorder may take to end in good order [s]."""
-
-FAKETIME = Path('/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1')
-"""Debian package libfaketime."""
-
-_CLOCK = re.compile(r'(?:sem\.faketime_sem|faketime_shm)_([0-9]+)')
-"""Shared memory of a process that runs by another clock."""
 
 _READ = ('import sys\nfrom tetra_ros2.recording import reader\n'
          'print(len(reader.load(sys.argv[1]).stamps))')
@@ -92,7 +85,7 @@ class Rig:
                            check=True)
             self._stack.callback(subprocess.run, ['umount', '-l', self._disk], check=False)
             for name in NODES:
-                self._clock(name).write_text('+0s\n')
+                clocks.set_clock(self._clock(name), 0.0)
                 self.start(name)
             self.hosts.enter(WATCHER)
             # rclpy may be imported only where its threads are to be.
@@ -105,7 +98,7 @@ class Rig:
 
     def __exit__(self, *error: object) -> None:
         self._stack.close()
-        _remove_clocks()
+        clocks.remove_dead()
 
     def _environment(self) -> dict[str, str]:
         return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_DOMAIN_ID': '7'}
@@ -131,10 +124,8 @@ class Rig:
             command += ['--ros-args', *(word for key, value in parameters.items()
                                         for word in ('-p', f'{key}:={value}'))]
         env = {**self._environment(), 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
-        if FAKETIME.exists():
-            env |= {'LD_PRELOAD': str(FAKETIME), 'FAKETIME_TIMESTAMP_FILE': str(self._clock(name)),
-                    'FAKETIME_CACHE_DURATION': '1', 'DONT_FAKE_MONOTONIC': '1',
-                    'FAKETIME_DONT_RESET': '1'}
+        if clocks.LIBRARY.exists():
+            env |= clocks.environment(self._clock(name))
         with (self.directory / f'{name}.log').open('a') as log:
             self._processes[name] = self.hosts.start(
                 name, sys.executable, '-m', 'tetra_ros2', *command, env=env, stdout=log)
@@ -181,11 +172,11 @@ class Rig:
     @contextmanager
     def clock_set(self, name: str, jump: float) -> Iterator[None]:
         """Let the system clock of a host be off by so much [s]."""
-        self._clock(name).write_text(f'{jump:+g}s\n')
+        clocks.set_clock(self._clock(name), jump)
         try:
             yield
         finally:
-            self._clock(name).write_text('+0s\n')
+            clocks.set_clock(self._clock(name), 0.0)
 
     @contextmanager
     def disk_full(self) -> Iterator[None]:
@@ -243,10 +234,3 @@ class Rig:
 def _python(*arguments: object) -> 'subprocess.CompletedProcess[str]':
     return subprocess.run([sys.executable, *map(str, arguments)], capture_output=True, text=True,
                           check=False)
-
-
-def _remove_clocks(directory: Path = shared_memory.DIRECTORY) -> None:
-    """Remove the shared memory that libfaketime made for processes that were killed."""
-    for file in directory.iterdir():
-        if (found := _CLOCK.fullmatch(file.name)) and not Path('/proc', found[1]).exists():
-            file.unlink(missing_ok=True)

@@ -21,9 +21,9 @@ from pathlib import Path
 import subprocess
 import sys
 
+from benchmarks import clocks
 from benchmarks.chaos import group, Outcome, Share, table
 from benchmarks.hosts import unavailable
-from benchmarks.rig import _remove_clocks
 import pytest
 
 
@@ -68,6 +68,15 @@ def test_a_run_that_was_stopped_goes_on_with_the_next_fault(tmp_path):
     assert share.whole
 
 
+def test_a_clock_is_set_at_one_moment(tmp_path):
+    file = tmp_path / 'clock'
+    clocks.set_clock(file, 0.0)
+    with file.open() as before:
+        clocks.set_clock(file, -30.0)
+        assert before.read() == '+0s\n'  # to whoever reads just then, not half of a new one
+    assert file.read_text() == '-30s\n'
+
+
 def test_the_clocks_of_who_was_killed_are_removed_and_nothing_else(tmp_path):
     with subprocess.Popen([sys.executable, '-c', '']) as dead:
         pass  # it has ended, and was waited for
@@ -75,7 +84,7 @@ def test_the_clocks_of_who_was_killed_are_removed_and_nothing_else(tmp_path):
              for number in (dead.pid, os.getpid())] + ['fastrtps_port7411', 'faketime_shm_x']
     for name in names:
         (tmp_path / name).touch()
-    _remove_clocks(tmp_path)
+    clocks.remove_dead(tmp_path)
     assert {file.name for file in tmp_path.iterdir()} == {
         name for name in names if not name.endswith(f'_{dead.pid}')}
 

@@ -15,10 +15,10 @@
 """System clocks that are set while a formation runs in real time."""
 
 from itertools import pairwise
-from pathlib import Path
 import time
 from types import SimpleNamespace
 
+from benchmarks import clocks
 from geometry_msgs.msg import PoseArray
 from harness import nanoseconds
 import pytest
@@ -29,7 +29,6 @@ from tetra_ros2.ros.executor import spin_some
 
 TOLERANCE = 5e-3
 MEASUREMENT_TIMEOUT = 0.5
-FAKETIME = Path('/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1')
 
 
 def set_clock(node, jump):
@@ -100,17 +99,16 @@ def test_a_run_lasts_as_long_as_was_asked_for_though_the_clock_is_set(formation,
     assert 1.4 < lasted < 10.0
 
 
-@pytest.mark.skipif(not FAKETIME.exists(), reason='there is no libfaketime')
+@pytest.mark.skipif(not clocks.LIBRARY.exists(), reason='there is no libfaketime')
 def test_the_plant_goes_on_stepping_when_the_clock_of_its_host_is_set(
         processes, probe, monkeypatch, tmp_path):
-    offset = tmp_path / 'offset'
-    offset.write_text('+0s\n')
-    for name, value in {
-            'LD_PRELOAD': FAKETIME, 'FAKETIME_TIMESTAMP_FILE': offset, 'FAKETIME_DONT_RESET': 1,
-            'FAKETIME_CACHE_DURATION': 1, 'DONT_FAKE_MONOTONIC': 1}.items():
-        monkeypatch.setenv(name, str(value))
-    processes.tetra('plant', '--ros-args', '-p', 'mode:=realtime', '-p', 'command_timeout:=100.0')
-    monkeypatch.undo()
+    clock = tmp_path / 'clock'
+    clocks.set_clock(clock, 0.0)
+    with monkeypatch.context() as patch:
+        for name, value in clocks.environment(clock).items():
+            patch.setenv(name, value)
+        plant = processes.tetra(
+            'plant', '--ros-args', '-p', 'mode:=realtime', '-p', 'command_timeout:=100.0')
     stamps = []  # [s]
     probe.node.create_subscription(
         PoseArray, 'formation/attitudes',
@@ -119,10 +117,13 @@ def test_the_plant_goes_on_stepping_when_the_clock_of_its_host_is_set(
     for jump in (-30, 3600):
         before = stamps[-1]
         stamps[:] = stamps[-1:]
-        offset.write_text(f'{jump:+d}s\n')
+        clocks.set_clock(clock, jump)
         probe.wait_for(lambda e=before + jump: abs(stamps[-1] - e) < 10.0, f'{jump} s')
-        offset.write_text('+0s\n')
+        clocks.set_clock(clock, 0.0)
         probe.wait_for(lambda b=before: abs(stamps[-1] - b) < 15.0, 'the true time')
         for one, next_one in pairwise(stamps):
             passed = min(abs(next_one - one - leap) for leap in (0.0, jump, -jump))
             assert passed < MEASUREMENT_TIMEOUT + 1.0
+    plant.kill()
+    plant.wait()
+    clocks.remove_dead()
