@@ -175,7 +175,9 @@ class Processes:
     def __exit__(self, *_):
         for process in self._started:
             process.kill()
-            process.communicate()
+        for process in self._started:
+            output, _ = process.communicate()
+            print(output, end='')  # which pytest shows where a test fails
 
     def tetra(self, *arguments):
         """Start ``tetra X`` with these arguments."""
