@@ -22,6 +22,9 @@ from hypothesis import settings
 import pytest
 from tetra_ros2.ros import shared_memory
 
+# As the command line sets it, and before numpy is loaded: several files are tested at a time.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
 settings.register_profile('tetra', derandomize=True, deadline=None, max_examples=30)
 settings.load_profile('tetra')
 

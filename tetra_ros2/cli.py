@@ -93,6 +93,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The options before a command are flags, so the first other word is the command.
     command = next((word for word in ours if not word.startswith('-')), '')
     if argv is None:
+        # numpy's OpenBLAS would start a thread for each further core, and these wait at full
+        # speed for a while. The matrices of a formation are too small to be shared out.
+        os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
         # A node takes the signals over when there is something to put in order.
         signals.quit_at_once(0 if command in NODES else signals.INTERRUPTED)
     try:

@@ -257,6 +257,24 @@ def test_what_a_library_writes_to_the_output_does_not_spoil_a_result(tmp_path, m
     assert json.loads(output)['shape'] == 'regular tetrahedron'
 
 
+@pytest.mark.parametrize(('wished', 'expected'), [(None, '1'), ('2', '2')])
+def test_the_algebra_of_small_matrices_has_one_thread_unless_more_are_wished_for(
+        tmp_path, monkeypatch, wished, expected):
+    (tmp_path / 'told.py').write_text(
+        'import os, sys\nfrom tetra_ros2.formation import Cosine\nclass Told(Cosine):\n    pass\n'
+        "print(os.environ['OPENBLAS_NUM_THREADS'], len(os.listdir('/proc/self/task')),\n"
+        '      file=sys.stderr)\n')
+    file = tmp_path / 'formation.yaml'
+    file.write_text(ABOVE + 'gain: {kind: "told:Told"}')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)
+    monkeypatch.delenv('OPENBLAS_NUM_THREADS', raising=False)
+    if wished:
+        monkeypatch.setenv('OPENBLAS_NUM_THREADS', wished)
+    status, _, errors = run('analyze', '--config', file, '--json')
+    threads = min(int(expected), os.cpu_count())  # the one that runs it, and what numpy starts
+    assert (status, errors) == (0, f'{expected} {threads}\n')
+
+
 def test_an_output_that_is_closed_is_no_error():
     done = subprocess.run(
         ['bash', '-c', f'exec {sys.executable} -m tetra_ros2 analyze >&-'],
