@@ -20,8 +20,10 @@ import mmap
 import os
 from pathlib import Path
 import struct
+import subprocess
+import sys
 
-from harness import interrupt, Probe, until
+from harness import DEADLINE, interrupt, Probe, until
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
@@ -93,13 +95,13 @@ def head(number=64999, listeners=1, healthy=1000, wait=333, capacity=512, waitin
 
 
 @contextmanager
-def mapped(content, at=4 * 9 + 4 * 20, named=True):
+def mapped(content, at=4 * 9 + 4 * 20, named=True, size=8192):
     """Give the memory of a port with this in it; its name is kept, or gone."""
     path = DIRECTORY / NAME
     path.unlink(missing_ok=True)
     with path.open('w+b') as file:
-        file.truncate(8192)
-        with mmap.mmap(file.fileno(), 8192) as memory:
+        file.truncate(size)
+        with mmap.mmap(file.fileno(), size) as memory:
             memory[at:at + len(content)] = content
             if not named:
                 path.unlink()
@@ -167,6 +169,93 @@ def test_the_figures_are_looked_for_where_they_can_be_only():
         assert memory[:] == before
 
 
+SPOILT = """
+import subprocess, sys
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from tetra_ros2.ros import ports
+from tetra_ros2.ros.executor import leave
+
+context = Context()
+context.init()
+executor = SingleThreadedExecutor(context=context)
+executor.add_node(Node('spoilt', context=context))
+dead = subprocess.Popen(['true'])
+dead.wait()
+listened = set(ports._listened())
+mappings = ports._mappings()
+for name in listened:
+    for mapping in mappings[name]:
+        address, head = ports._head(name, mapping)
+        with open('/proc/self/mem', 'r+b', buffering=0) as memory:
+            if sys.argv[1] == 'flag':
+                assert ports._declare_broken(address, head)
+            else:
+                memory.seek(address + ports._MUTEXES[int(sys.argv[1])])
+                before = memory.read(ports._MUTEX.size)
+                assert ports._MUTEX.unpack(before)[4] == 128, before
+                memory.seek(-len(before), 1)
+                memory.write(ports._MUTEX.pack(2, 0, dead.pid, 1, 128))
+print(len(listened), ports._in_order(listened), flush=True)
+leave(executor)
+print('left')
+"""
+
+
+@pytest.mark.parametrize('what', ['flag', 0, 1])
+def test_who_leaves_while_a_port_is_opened_again_does_end(what):
+    """Fast DDS by itself ends never, or by a segmentation fault."""
+    done = subprocess.run(
+        [sys.executable, '-c', SPOILT, str(what)], capture_output=True, text=True, check=False,
+        timeout=DEADLINE)
+    assert (done.returncode, done.stdout) == (0, '2 False\nleft\n'), done.stderr
+
+
+def mutex(locked=2, owner=1, kind=128):
+    return struct.pack('<5i', locked, 0, owner, 1, kind)
+
+
+@pytest.fixture
+def dead():
+    """Return the number of a process that has ended, and that nobody has waited for."""
+    with subprocess.Popen(['true']) as process:
+        until(lambda: not ports._lives(process.pid))
+        yield process.pid
+
+
+@pytest.mark.usefixtures('lock')
+@pytest.mark.parametrize('place', [0, 1])
+def test_a_port_that_the_dead_have_locked_is_not_in_order(dead, place):
+    def settles(*changes, number=64999):
+        content = bytearray(30000)
+        content[:28] = head(number=number)
+        for other in ports._MUTEXES:
+            content[other:other + 20] = mutex(locked=0, owner=0)
+        at = ports._MUTEXES[place]
+        content[at:at + 20] = mutex(*changes)
+        with mapped(bytes(content), size=32768):
+            return ports.settle(patience=0.02)
+
+    assert not settles(2, dead)
+    assert not settles(1, dead)
+    assert settles(0, dead), 'not locked'
+    assert settles(2, os.getpid()), 'by one who lives'
+    assert settles(2, dead, 0), 'no mutex of processes'
+    assert settles(2, dead, number=64998), 'another port'
+
+
+@pytest.mark.usefixtures('lock')
+def test_a_port_that_is_to_be_opened_again_is_not_in_order():
+    with mapped(head()):
+        assert ports.settle()
+    with mapped(head(flags=6)):
+        assert not ports.settle(patience=0.02)
+    with mapped(head(flags=6)), mapped(head()):
+        assert ports.settle(), 'the new one is there'
+
+
 def test_another_system_has_no_such_ports(tmp_path, monkeypatch):
     monkeypatch.setattr(ports, '_PROCESS', tmp_path)
     assert ports.reopen_lost(new=True) == []
+    assert ports.settle()

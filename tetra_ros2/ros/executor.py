@@ -237,6 +237,7 @@ def leave(executor: Executor) -> None:
     """
     nodes = executor.get_nodes()
     any(map(fastdds.stop_listening, nodes))  # once for all, as they share a participant
+    ports.settle()
     for node in nodes:
         executor.remove_node(node)
         node.destroy_node()

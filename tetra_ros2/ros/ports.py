@@ -24,13 +24,21 @@ left with a port that has no name any more. It hears nothing, for good, and nobo
 Fast DDS has a remedy of its own for ports that do not work. Whoever finds one clears a flag in it;
 the process that listens sees that within a third of a second, and opens the port again by its
 name. But it looks only whether processes stand still, not for names. That is done here.
+
+It opens a port again, too, if somebody was killed who just then sent to it: the mutex of the port
+is locked for good, and waiting for it ends after a second. A process that leaves meanwhile never
+ends, or ends by a segmentation fault: Fast DDS tells the port that is taken away to close, not the
+one that takes its place. So those who leave wait here until their ports are in order.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
+import errno
 import os
 from pathlib import Path
+import platform
 import re
 import struct
+import time
 from typing import NamedTuple
 
 from tetra_ros2.ros.shared_memory import DIRECTORY
@@ -48,6 +56,15 @@ _BEFORE = 20  # bytes of it, which begins at a multiple of 8
 _FLAGS = 24  # where the flags are, from the number on
 _IS_OK, _IS_READ = 1, 4
 
+# A mutex of the C library on 64 bits: whether it is locked, how often, by which thread, how many
+# use it, and its kind.
+_MUTEX = struct.Struct('<5i')
+_SHARED = 128  # the kind of one that processes share
+_MUTEX_SIZE = 48 if platform.machine() == 'aarch64' else 40
+# From the number on, after an identifier of 8 bytes and semaphores for 512 who wait: that of the
+# lists of who waits, and that of the port.
+_MUTEXES = (_FLAGS + 4 + 8 + 512 * 40 + 16, _FLAGS + 4 + 8 + 512 * 40 + 16 + _MUTEX_SIZE)
+
 
 class _Mapping(NamedTuple):
     """A port that this process has open, to listen or to send."""
@@ -56,6 +73,15 @@ class _Mapping(NamedTuple):
     end: int
     inode: int
 
+
+PATIENCE = 5.0
+"""How long to wait for ports that are opened again [s]; Fast DDS takes two at most."""
+
+_TAKEN_INTO_USE = 0.05
+"""How long Fast DDS may take from opening a port again to listening on it [s]; microseconds."""
+
+_TAKEN_AWAY = (errno.EIO, errno.EFAULT)
+"""How reading memory fails that is not mapped any more."""
 
 _MOST_LOOKS = 100
 """How often to look for one that is not listened on, as it is not while it is opened again."""
@@ -107,6 +133,84 @@ def reopen_lost(new: bool = False) -> list[str]:
         return lost
     _found = found
     return lost
+
+
+def settle(patience: float = PATIENCE) -> bool:
+    """
+    Wait until the ports on which this process listens are in order, as whoever leaves has to.
+
+    Where they are, this takes a few milliseconds.
+
+    :param patience: how long to wait [s]
+    :returns: whether they are
+    """
+    deadline = time.monotonic() + patience
+    waited = False
+    try:
+        names = set(_listened())
+        while not _in_order(names):
+            if time.monotonic() > deadline:
+                return False
+            waited = True
+            time.sleep(0.01)
+            names.update(_listened())
+    except OSError:  # another system than Linux, or not allowed
+        return True
+    if waited:
+        time.sleep(_TAKEN_INTO_USE)
+    return True
+
+
+def _in_order(names: Set[str]) -> bool:
+    """
+    Return whether this process listens on these ports, and none is about to be opened again.
+
+    One that is not recognised may be all right.
+
+    :raises OSError: on another system than Linux, or where it is not allowed
+    """
+    if not names <= set(_listened()):  # one is opened again just now
+        return False
+    try:
+        mappings = _mappings()
+        for name in names:
+            found = [(mapping, *head) for mapping in mappings.get(name, ())
+                     if (head := _head(name, mapping)) is not None]
+            if found and not any(_hears(head) and not _is_locked_by_dead(mapping, address)
+                                 for mapping, address, head in found):
+                return False
+    except OSError as error:
+        if error.errno not in _TAKEN_AWAY:
+            raise
+        return False
+    return True
+
+
+def _is_locked_by_dead(mapping: _Mapping, address: int) -> bool:
+    """
+    Return whether somebody has a mutex of a port who is not there any more.
+
+    :param address: of the figures of its PortNode
+    :raises OSError: if the port is not mapped any more
+    """
+    with (_PROCESS / 'mem').open('rb', buffering=0) as memory:
+        for offset in _MUTEXES:
+            at = address + offset
+            content = os.pread(memory.fileno(), min(_MUTEX.size, max(0, mapping.end - at)), at)
+            if len(content) == _MUTEX.size:
+                locked, _, owner, _, kind = _MUTEX.unpack(content)
+                if kind == _SHARED and locked and owner > 0 and not _lives(owner):
+                    return True
+    return False
+
+
+def _lives(thread: int) -> bool:
+    """Return whether a thread of any process is there, and has not ended."""
+    try:
+        status = Path(f'/proc/{thread}/stat').read_bytes()
+    except OSError:
+        return False
+    return status[status.rindex(b')') + 2:][:1] not in b'ZX'
 
 
 def _inode(name: str) -> int:
