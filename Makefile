@@ -28,10 +28,10 @@ demo: $(VENV)/.ros  ## form the complete and then the rotating formation
 	@echo '  tetra launcher --config rotating --view     # and open the address that it prints'
 	@echo '  tetra launcher --config rotating --duration 20 --record bag && tetra plot bag --out figures'
 
-# Three files of tests at a time, as many wait more than they work; each worker is in a ROS domain
+# Four files of tests at a time, as many wait more than they work; each worker is in a ROS domain
 # of its own.
 # PYTEST_ARGS='-n 0 -s ...' runs them one by one, and shows what they print.
-PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
+PARALLEL := -n 4 --dist loadfile --no-loadscope-reorder
 
 test: $(VENV)/.test browser  ## run all tests
 	$(CLEAN) $(VENV)/bin/ruff check .
