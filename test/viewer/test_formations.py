@@ -76,8 +76,17 @@ def test_a_thousand_states_a_second_make_thirty_pictures(visit, processes, port)
             and float(v['state rate [Hz]']) > 300.0 and float(v['picture rate [Hz]']) > 10.0
 
     with Probe() as plain:
-        health = plain.wait_for_health('/viewer', busy, 'pictures')
-    assert float(values(health)['picture rate [Hz]']) < 33.0
+        plain.wait_for_health('/viewer', busy, 'pictures')
+
+        def rates():
+            return [float(values(status)['picture rate [Hz]'])
+                    for message in plain.received['diagnostics'] for status in message.status
+                    if status.name == '/viewer']
+
+        # A report counts half a second, into which a late picture or two may fall.
+        first = len(rates())
+        plain.wait_for(lambda: len(rates()) >= first + 6, 'six reports')
+    assert statistics.mean(rates()[first:]) < 33.0
     before = charts(page)
     until(page, lambda: charts(page)[0][0][0][-1] > before[0][0][0][-1] + 3.0, 'three seconds')
     assert charts(page)[0][1] == 1, 'nothing was taken away and put back'
