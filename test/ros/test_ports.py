@@ -14,7 +14,7 @@
 
 """Ports in shared memory that lose their names, and are opened again."""
 
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, ExitStack, suppress
 import fcntl
 import mmap
 import os
@@ -23,7 +23,7 @@ import struct
 import subprocess
 import sys
 
-from harness import DEADLINE, interrupt, Probe, until
+from harness import DEADLINE, interrupt, Probe, run, until
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
@@ -66,6 +66,28 @@ def test_a_running_node_that_nobody_can_find_any_more_is_found_again(processes):
     assert status == 0
     assert all(name in output for name in lost)
     assert 'opened again' in output
+
+
+def test_where_somebody_has_a_port_the_next_one_is_taken(processes):
+    first = 7400 + 250 * int(os.environ['ROS_DOMAIN_ID']) + 11
+    mine = set()
+    with ExitStack() as stack:
+        for number in range(first, first + 20, 2):
+            lock = stack.enter_context((DIRECTORY / f'fastrtps_port{number}_el').open('w'))
+            with suppress(BlockingIOError):
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                mine.add(f'fastrtps_port{number}')
+        status, _, errors = run('recorder', '--output', DIRECTORY)
+        assert status == 2
+        assert errors.count('\n') == 1
+        agent = processes.tetra('agent', '--id', '1')
+        until(lambda: len(ports_of(agent.pid)) == 2)
+        assert not ports_of(agent.pid) & mine
+        with Probe() as probe:
+            probe.call(GetParameters, 'agent_1/get_parameters', GetParameters.Request())
+    status, output = interrupt(agent)
+    assert status == 0
+    assert any(f'Failed init_port {name}:' in output for name in mine)
 
 
 def test_a_port_that_was_lost_is_opened_again_within_a_moment():
