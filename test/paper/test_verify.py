@@ -183,12 +183,14 @@ def failures(keys, system):
             if not result.passed]
 
 
+@pytest.mark.timeout(300)
 def test_every_mathematical_claim_holds():
     rows = verify.check(verify.select(without_nodes=True), SystemUnderTest())
     assert [entry.key for entry, result, _ in rows if not result.passed] == []
     assert len(rows) > 60
 
 
+@pytest.mark.timeout(300)
 def test_every_claim_about_the_nodes_holds(capfd):
     nodes = [key for key, entry in CLAIMS.items() if entry.nodes]
     assert len(nodes) >= 11
