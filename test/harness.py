@@ -202,7 +202,7 @@ def interrupt(process):
     return process.returncode, output
 
 
-def run(*arguments):
+def run(*arguments, timeout=DEADLINE):
     """
     Run ``tetra`` to its end; return its exit status, its output and its errors.
 
@@ -211,5 +211,5 @@ def run(*arguments):
     """
     done = subprocess.run(
         [sys.executable, '-m', 'tetra_ros2', *map(str, arguments)],
-        capture_output=True, text=True, timeout=DEADLINE, check=False)
+        capture_output=True, text=True, timeout=timeout, check=False)
     return done.returncode, done.stdout, _PORT_TAKEN.sub('', done.stderr)

@@ -42,8 +42,9 @@ def bag(tmp_path_factory):
     return path
 
 
+@pytest.mark.timeout(300)
 def test_every_figure_is_written_in_all_formats(tmp_path, bag):
-    status, output, _ = run('plot', bag, '--out', tmp_path / 'new' / 'figures')
+    status, output, _ = run('plot', bag, '--out', tmp_path / 'new' / 'figures', timeout=200.0)
     assert status == 0
     assert 'cosine gain, a = 1,' in output
     for name in KINEMATIC:

@@ -35,8 +35,9 @@ from tetra_ros2.ros.shared_memory import DIRECTORY
 
 pytestmark = pytest.mark.skipif(not DIRECTORY.is_dir(), reason='there is no /dev/shm')
 
-NAME = 'fastrtps_port64999'
-"""A port that no ROS domain has."""
+NUMBER = 64000 + int(os.environ['ROS_DOMAIN_ID'])
+NAME = f'fastrtps_port{NUMBER}'
+"""A port that nobody has, and no other run of these tests."""
 
 
 def ports_of(pid):
@@ -62,6 +63,7 @@ def test_a_running_node_that_nobody_can_find_any_more_is_found_again(processes):
         answer = probe.call(GetParameters, 'agent_1/get_parameters',
                             GetParameters.Request(names=['use_sim_time']))
     assert len(answer.values) == 1
+    until(lambda: all((DIRECTORY / name).exists() for name in lost))
     status, output = interrupt(agent)
     assert status == 0
     assert all(name in output for name in lost)
@@ -112,7 +114,7 @@ def test_a_port_that_was_lost_is_opened_again_within_a_moment():
     assert not mine & ports._found.keys(), 'nobody listens there any more'
 
 
-def head(number=64999, listeners=1, healthy=1000, wait=333, capacity=512, waiting=1, flags=7):
+def head(number=NUMBER, listeners=1, healthy=1000, wait=333, capacity=512, waiting=1, flags=7):
     return struct.pack('<7I', number, listeners, healthy, wait, capacity, waiting, flags)
 
 
@@ -173,8 +175,9 @@ def test_a_port_of_that_name_that_this_process_only_sends_to_does_not_count():
 
 @pytest.mark.usefixtures('lock')
 @pytest.mark.parametrize('content', [
-    b'', head(number=64998), head(healthy=900), head(healthy=0, wait=0), head(capacity=0),
-    head(listeners=2000), head(waiting=2)], ids=str)
+    b'', head(number=NUMBER + 1000), head(healthy=900), head(healthy=0, wait=0), head(capacity=0),
+    head(listeners=2000), head(waiting=2)], ids=[
+        'empty', 'number', 'timeout', 'no timeout', 'capacity', 'listeners', 'who wait'])
 def test_what_does_not_look_like_a_port_is_left_alone(content):
     with mapped(content, named=False) as (before, memory):
         assert ports.reopen_lost(new=True) == []
@@ -231,7 +234,9 @@ def test_who_leaves_while_a_port_is_opened_again_does_end(what):
     done = subprocess.run(
         [sys.executable, '-c', SPOILT, str(what)], capture_output=True, text=True, check=False,
         timeout=DEADLINE)
-    assert (done.returncode, done.stdout) == (0, '2 False\nleft\n'), done.stderr
+    # Fast DDS may have said before that a port was in use.
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith('2 False\nleft\n')
 
 
 def mutex(locked=2, owner=1, kind=128):
@@ -249,7 +254,7 @@ def dead():
 @pytest.mark.usefixtures('lock')
 @pytest.mark.parametrize('place', [0, 1])
 def test_a_port_that_the_dead_have_locked_is_not_in_order(dead, place):
-    def settles(*changes, number=64999):
+    def settles(*changes, number=NUMBER):
         content = bytearray(30000)
         content[:28] = head(number=number)
         for other in ports._MUTEXES:
@@ -264,7 +269,7 @@ def test_a_port_that_the_dead_have_locked_is_not_in_order(dead, place):
     assert settles(0, dead), 'not locked'
     assert settles(2, os.getpid()), 'by one who lives'
     assert settles(2, dead, 0), 'no mutex of processes'
-    assert settles(2, dead, number=64998), 'another port'
+    assert settles(2, dead, number=NUMBER + 1000), 'another port'
 
 
 @pytest.mark.usefixtures('lock')
