@@ -202,14 +202,19 @@ def interrupt(process):
     return process.returncode, output
 
 
-def run(*arguments, timeout=DEADLINE):
+def own_words(text):
     """
-    Run ``tetra`` to its end; return its exit status, its output and its errors.
+    Return what a process said without a line of Fast DDS's: that somebody had a port just then.
 
-    Without a line of Fast DDS's own: that somebody had a port just then, as whoever looks whether
-    its owner lives has it for a moment. The participant takes the next one.
+    Whoever looks whether the owner of a port lives has it for a moment. The participant takes the
+    next one.
     """
+    return _PORT_TAKEN.sub('', text)
+
+
+def run(*arguments, timeout=DEADLINE):
+    """Run ``tetra`` to its end; return its exit status, its output and its errors."""
     done = subprocess.run(
         [sys.executable, '-m', 'tetra_ros2', *map(str, arguments)],
         capture_output=True, text=True, timeout=timeout, check=False)
-    return done.returncode, done.stdout, _PORT_TAKEN.sub('', done.stderr)
+    return done.returncode, done.stdout, own_words(done.stderr)

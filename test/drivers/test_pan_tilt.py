@@ -101,6 +101,7 @@ def test_limits_are_kept(bus):
         drive(head, (0.0, 5.0, 0.0), 0.1)
     drive(head, (0.0, 5.0, 0.0), 1.0)
     assert head.angles[1] < 0.25 + 0.02
+    assert head.at_limit == ('tilt',)
     head.close()
 
 
